@@ -121,7 +121,7 @@ def test_unknown_is_never_good() -> None:
 def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
     behind = hand(tool[0] - 0.10, tool[1] - 0.20)  # on the way to the parking place
-    near, far, behind_it = persons([beside(0.045), hand(1.25, -0.6), behind], (), AGE_S)
+    near, far, behind_it = (persons([one], (), AGE_S)[0] for one in (beside(0.045), hand(1.25, -0.6), behind))
 
     def leaving(*persons: Person) -> float:
         return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).leaving

@@ -341,6 +341,54 @@ def test_a_hand_of_any_height_is_within_the_wall_that_its_image_makes(height: fl
     assert coal.distance(coal.Sphere(0.001), dot, wall, coal.Transform3s(), request, result) <= 1e-6
 
 
+def apart_m(body: coal.Convex, x: float, y: float, z: float) -> float:
+    at, request, result = (
+        coal.Transform3s(np.eye(3), np.array([x, y, z])),
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+    return float(coal.distance(coal.Sphere(0.001), at, body, coal.Transform3s(), request, result))
+
+
+def test_an_elbow_may_be_as_high_as_a_forearm_that_rises_by_45_degrees() -> None:
+    told = replace(hand(0.7, 0.1), height_m=0.05)
+    bodies = [person.body for person in persons([told], (), 0.1) if person.velocity_m_s is not None]
+    for back_m in (0.0, 0.1, 0.25):
+        assert min(apart_m(body, 0.8 + back_m, 0.1, 0.05 + back_m) for body in bodies) <= 0.0
+    assert min(apart_m(body, 0.7, 0.1, 0.05 + 0.3) for body in bodies) > 0.05, "over fingertips there is no elbow"
+
+
+@pytest.mark.parametrize(("palm_x_m", "leans"), [(1.1, False), (0.98, False), (0.9, True), (0.7, True)])
+def test_who_reaches_far_over_the_bench_leans_in_with_the_head(palm_x_m: float, leans: bool) -> None:
+    """A small person's palm is .35 m before the chest; the view ends at 1.31 m."""
+    reaching = hand(palm_x_m - 0.1, 0.1)
+    resting = hand(1.1, 0.4)
+    heads = [one.body for one in persons([reaching, resting], (), 0.1) if apart_m(one.body, 1.35, 0.1, 0.8) <= 0.0]
+    assert len(heads) == leans
+    for head in heads:
+        face_m = palm_x_m + 0.35 - 0.10
+        assert apart_m(head, face_m + 0.02, 0.1, 0.8) <= 0.0
+        assert apart_m(head, face_m - 0.1, 0.1, 0.8) > 0.05
+
+
+def test_who_reaches_in_from_another_side_has_no_head_over_the_bench() -> None:
+    away = replace(hand(0.7, 0.1), palm_m=(0.6, 0.1))
+    assert not [one for one in persons([away], (), 0.1) if apart_m(one.body, 1.0, 0.1, 0.8) <= 0.0]
+
+
+@given(PLACES, st.floats(-0.2, 0.4), st.floats(0.0, 0.3), SPEEDS, PATHS)
+@settings(max_examples=25, deadline=None)
+def test_heads_and_elbows_never_free_the_arm(x: float, y: float, z: float, hand_m_s: float, path_s: float) -> None:
+    """Beside the wall of the same hand alone, and whoever may come over the edge."""
+    told = replace(hand(x, y, speed_towards_person(hand_m_s)), height_m=z)
+    all_of_it = persons([told], (), 0.15)
+    plain = [person for person in all_of_it if person.body is all_of_it[0].body or person.velocity_m_s is None]
+    ahead = ACROSS, path_s
+    whole, less = (MONITOR.judge(ACROSS.at(path_s), people, False, ahead) for people in (all_of_it, plain))
+    assert whole.share <= less.share
+    assert whole.spare_m <= less.spare_m + 1e-6
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("gone", [0.2, 0.45, 0.65, 0.85])
 @pytest.mark.parametrize("goal", [LOOK, LOWERING_RAD], ids=["look", "over the bracket"])

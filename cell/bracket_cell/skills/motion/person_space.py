@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import coal
@@ -25,6 +26,10 @@ class PersonLimits:
         least_length_m: [m] from fingertips to palm; a hand that is shorter in the image points nowhere.
         knuckles_m: [m] above palm and fingertips that hand and forearm reach, and error of their heights.
         beyond_m: [m] that a hand that left the view may have gone.
+        reach_m: [m] that a small person's palm is before their chest; who reaches farther over the bench leans in.
+        head_m: [m] that a head is before the chest of who leans.
+        aside_m: [m] that head and shoulders are beside the line of a hand.
+        tall_m: [m] over a bench of 0.75 m that a tall person's head reaches.
     """
 
     edge_px: int = 6
@@ -32,6 +37,10 @@ class PersonLimits:
     least_length_m: float = 0.03
     knuckles_m: float = 0.15
     beyond_m: float = 1.0
+    reach_m: float = 0.35
+    head_m: float = 0.10
+    aside_m: float = 0.30
+    tall_m: float = 1.1
 
 
 PERSON = PersonLimits()
@@ -116,20 +125,40 @@ class PersonSpace:
         self.edge: Edge = max(EDGES, key=self._towards_person)
 
     def of(self, known: KnownBench) -> list[Person]:
-        """Every hand that is seen, and as many beyond the edges as may be there.
+        """Every hand that is seen, its elbow, its head where it leans in, and as many hands beyond the edges as may be.
 
         A hand that left by an edge may come back anywhere there. Behind the edge where the person stands a hand may
         stay away for long: the arm is slow before it could arrive, but does not wait for it. All hands that are not
         seen may be there, whatever else is seen. And over an edge that the bench leaves open somebody else may come.
         """
-        persons = [self._seen(hand, known.age_of_s(hand)) for hand in known.hands]
+        persons = [person for hand in known.hands for person in self._seen(hand, known.age_of_s(hand))]
         edges = {*known.left_by, *self._settings.open_edges, *[self.edge] * (known.count < self.hands)}
         left = {*known.left_by} - {self.edge}
         return persons + [self.behind(edge, known.age_s, left=edge in left) for edge in EDGES if edge in edges]
 
-    def _seen(self, hand: HandSample, age_s: float) -> Person:
+    def _seen(self, hand: HandSample, age_s: float) -> Iterator[Person]:
+        """The hand, and the rest of its person, which is as quick as the hand."""
         doubt_m, speed_m_s = max(0.0, hand.off_m - self._settings.hand_error_m), self._settings.hand_speed_m_s
-        return Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2, doubt_m=doubt_m)
+        seen = Person(self.wall(hand), age_s, speed_m_s, hand.velocity_m_s, hand.acceleration_m_s2, doubt_m=doubt_m)
+        for body in (seen.body, *self._rising(hand), *self._leaning(hand)):
+            yield replace(seen, body=body)
+
+    def _rising(self, hand: HandSample) -> Iterator[coal.Convex]:
+        """The forearm that rises from the palm to the elbow, by up to 45 degrees."""
+        if hand.height_m is not None:
+            corners = self._footprint(hand, hand.palm_m)
+            yield _prism(corners, corners, _top_m(hand) + self._settings.forearm_m * np.array([0.0, 0.0, 1.0, 1.0]))
+
+    def _leaning(self, hand: HandSample) -> Iterator[coal.Convex]:
+        """Head and shoulders of whoever reaches from their edge so far over the bench that they must lean in."""
+        (first, last), palm_m = self._edge_line(self.edge, 0.0), np.array(hand.palm_m)
+        out, along = _outwards(first, last, self._eye[:2]), (last - first) / np.linalg.norm(last - first)
+        far_m = float((first - palm_m) @ out)
+        if far_m > PERSON.reach_m and (palm_m - hand.fingertips_m) @ out >= 0:
+            face = palm_m + (PERSON.reach_m - PERSON.head_m) * out
+            aside, behind = PERSON.aside_m * along, (far_m + PERSON.beyond_m) * out
+            corners = np.array([face - aside, face + aside, face + aside + behind, face - aside + behind])
+            yield _prism(corners, corners, PERSON.tall_m)
 
     def behind(self, edge: Edge, age_s: float, *, left: bool = False) -> Person:
         """Whoever may be beyond an edge of the view, of which so old a frame is known.
@@ -141,22 +170,21 @@ class PersonSpace:
 
     def wall(self, hand: HandSample) -> coal.Convex:
         """A wall over the bench, from the fingertips over the palm along the forearm; C is 0, as the tips are seen."""
-        settings = self._settings
+        corners, high_m = self._footprint(hand, hand.fingertips_m, self._unseen_m(hand)), self._settings.hand_height_m
+        if hand.height_m is not None:
+            return _prism(corners, corners, _top_m(hand))
+        return _prism(self._at_height(corners, 0.0), self._at_height(corners, high_m), high_m)
+
+    def _footprint(self, hand: HandSample, from_m: tuple[float, float], before_m: float = 0.0) -> Array:
+        """Corners (4, 2) along hand and forearm: two so far before a point, and two at the elbow."""
         tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
         along = palm - tips
         length_m = float(np.linalg.norm(along))
         along = along / length_m if length_m > PERSON.least_length_m else np.array([1.0, 0.0])
-        across = settings.hand_radius_m * np.array([-along[1], along[0]])
-        start = tips - self._unseen_m(hand) * along
-        end = tips + (length_m + settings.forearm_m) * along
-        corners = np.array([start - across, start + across, end + across, end - across])
-        if hand.height_m is not None:
-            return _prism(
-                corners, corners, max(hand.height_m, hand.fingertips_height_m or 0.0, 0.0) + PERSON.knuckles_m
-            )
-        return _prism(
-            self._at_height(corners, 0.0), self._at_height(corners, settings.hand_height_m), settings.hand_height_m
-        )
+        across = self._settings.hand_radius_m * np.array([-along[1], along[0]])
+        start = np.array(from_m) - before_m * along
+        end = tips + (length_m + self._settings.forearm_m) * along
+        return np.array([start - across, start + across, end + across, end - across])
 
     def _unseen_m(self, hand: HandSample) -> float:
         """How far fingers may reach out of the view that are not seen to."""
@@ -215,11 +243,16 @@ def _outwards(first: Array, last: Array, inside: Array) -> Array:
     return away
 
 
-def _prism(low_m: Array, high_m: Array, height_m: float) -> coal.Convex:
-    """Between four corners (4, 2) on the table and as many at a height, both in order around it."""
+def _top_m(hand: HandSample) -> float:
+    """How high a hand reaches whose height is told."""
+    return max(hand.height_m or 0.0, hand.fingertips_height_m or 0.0, 0.0) + PERSON.knuckles_m
+
+
+def _prism(low_m: Array, high_m: Array, height_m: float | Array) -> coal.Convex:
+    """Between four corners (4, 2) on the table and as many at a height, or a height each, both in order around it."""
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for corners, z in ((low_m, 0.0), (high_m, height_m)):
-        for x, y in corners:
+    for corners, heights_m in ((low_m, np.zeros(4)), (high_m, np.broadcast_to(height_m, 4))):
+        for (x, y), z in zip(corners, heights_m, strict=True):
             points.append(np.array([x, y, z]))
     for a, b, c, d in FACES:
         faces.append(coal.Triangle(a, b, c))

@@ -132,7 +132,8 @@ def open_twin(configuration: Configuration, path: Path, seed: int, goal: str, sl
     """
     product, name = load_product(configuration, path), configuration.robot.name
     devices, simulation = configuration.devices, settings_of(configuration.devices.simulation)
-    period_s = 1.0 / MODELS[name].rate_hz if name in MODELS else CYCLE_S
+    known = MODELS.get(name.lower())
+    period_s = CYCLE_S if known is None else 1.0 / known.rate_hz
     physics = simulation.physics.model_copy(update={"control_period_s": period_s})
     devices = devices.model_copy(update={"simulation": simulation.model_copy(update={"physics": physics})})
     arms: list[TwinArm] = []

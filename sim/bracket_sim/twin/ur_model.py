@@ -75,7 +75,7 @@ MODELS = {
 
 
 def model_of(name: str) -> Model:
-    """The model of a robot's name; raises InputError where the maker has none."""
-    if name not in MODELS:
-        raise InputError(f"a twin of {name!r}: no such controller; legal: {', '.join(MODELS)}")
-    return MODELS[name]
+    """The model of a robot's name, in letters of any case; raises InputError where the maker has none."""
+    if (found := MODELS.get(name.lower())) is None:
+        raise InputError(f"a twin of {name!r}: no such controller; legal names of a robot: {', '.join(MODELS)}")
+    return found

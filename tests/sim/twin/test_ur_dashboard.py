@@ -126,5 +126,6 @@ def test_each_model_stretches_as_far_as_its_lengths(name: str) -> None:
 
 
 def test_an_arm_of_another_maker_has_no_such_controller() -> None:
-    with pytest.raises(InputError, match="a twin of 'gofa': no such controller; legal: ur3, ur5, ur10, ur3e"):
+    with pytest.raises(InputError, match="a twin of 'gofa': no such controller; legal names of a robot: ur3, ur5"):
         model_of("gofa")
+    assert model_of("UR5e") is MODELS["ur5e"]

@@ -23,7 +23,7 @@ from bracket_cell.skills.follow_policy import STEP_M
 
 NAME = "bracket_sim.gymnasium_env:cell/Reach-v0"
 SHOWN, TRIED, FIRST_TRIED = 200, 40, 100_000  # trays that are shown and tried; seeds of the first kind begin at 0
-STEPS, EVERY, BATCH, CHUNK = 2_000, 200, 64, 8
+STEPS, EVERY, BATCH, CHUNK = 6_000, 1_000, 64, 8
 STATE, PLACES, ACTION, PADDED = "observation.state", "observation.environment_state", "action", "action_is_pad"
 Array = NDArray[np.float32]
 Batch = dict[str, torch.Tensor]
@@ -92,7 +92,8 @@ def learned(env: Any, shown: Batch, training: int) -> list[Row]:
     spread = {name: (shown[name].mean(0), shown[name].std(0) + 1e-3) for name in (STATE, PLACES)}
     scaled = shown | {name: (shown[name] - mean) / deviation for name, (mean, deviation) in spread.items()}
     policy = policy_of(shown)
-    optimiser = torch.optim.AdamW(policy.parameters(), lr=3e-4)
+    optimiser = torch.optim.AdamW(policy.parameters(), lr=5e-4)
+    rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
 
     def act(now: dict[str, Array]) -> Array:
         told = {name: ((torch.from_numpy(now[name]) - mean) / by)[None] for name, (mean, by) in spread.items()}
@@ -115,6 +116,7 @@ def learned(env: Any, shown: Batch, training: int) -> list[Row]:
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
+        rate.step()
     return rows
 
 

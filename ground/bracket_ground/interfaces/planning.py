@@ -227,14 +227,13 @@ class AssemblyPlan:
         if state.told_goal is not None or total <= 0.0:
             return self
         belief = {goal: share / total for goal, share in joint.items()}
-        wanted = {goal: product.goal_placements(goal, state.placed) for goal in product.goals if goal in belief}
+        wanted = [goal for goal in product.goals if goal in belief]
         nexts = self._next_belief(belief, wanted, product, state)
         likeliest = max(belief, key=lambda goal: belief[goal])
         if likeliest == self.goal or likeliest not in wanted:
             return replace(self, goal_belief=belief, next_belief=nexts)
-        left = {at: part for at, part in wanted[likeliest].items() if at not in state.placed}
-        guidance = {part: tuple(at for at, one in left.items() if one == part) for part in product.parts}
-        most = max(guidance, key=lambda part: len(guidance[part])) if left else None
+        guidance = product.places(likeliest, state.placed)
+        most = max(guidance, key=lambda part: len(guidance[part])) if any(guidance.values()) else None
         return replace(self, goal_belief=belief, next_belief=nexts, next_part=most, guidance=guidance)
 
     def _next_belief(

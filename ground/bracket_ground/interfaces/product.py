@@ -26,6 +26,7 @@ from bracket_ground.interfaces.variants import (
     OtherBracket,
     can_be_expanded,
     completed,
+    places,
     types_of,
     with_listed_goals,
     with_quantities,
@@ -250,6 +251,10 @@ class Product(Model):
         found = completed(self._accepted[goal], self.goal_quantities.get(goal, {}), placed)
         assert found is not None  # checked when the file was read
         return found
+
+    def places(self, goal: str, placed: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+        """By part type, the open positions of one goal that take it, no more than parts of it are left."""
+        return places(self._accepted[goal], self.goal_quantities.get(goal, {}), placed, self.most)
 
     def fits(self, goal: str, placed: Mapping[str, str]) -> bool:
         """Whether everything that is placed can stay in this goal."""

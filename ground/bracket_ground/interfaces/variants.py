@@ -61,6 +61,31 @@ def completed(accepted: Accepted, quantities: Mapping[str, int], placed: Mapping
     return _assigned(accepted, quantities, {}) if found is None else found
 
 
+def places(
+    accepted: Accepted, quantities: Mapping[str, int], placed: Mapping[str, str], stock: Mapping[str, int]
+) -> dict[str, tuple[str, ...]]:
+    """By part type, the open slots that take it: first those of one arrangement, then those where it does as well.
+
+    Args:
+        quantities, placed: as those of `completed`.
+        stock: how many parts of each type there are; of none more are named than are left.
+    """
+    chosen = completed(accepted, quantities, placed) or {}
+    open_slots = {slot: types for slot, types in accepted.items() if slot not in placed}
+    found = {}
+    for part, there in stock.items():
+        first = [slot for slot in open_slots if chosen.get(slot) == part]
+        others = [
+            slot
+            for slot, types in open_slots.items()
+            if part in types and slot not in first
+            if (completed(accepted, quantities, {**placed, slot: part}) or {}).get(slot) == part
+        ]
+        left = min(there, quantities.get(part, there)) - sum(one == part for one in placed.values())
+        found[part] = (*first, *others)[: max(left, len(first))]
+    return found
+
+
 def _assigned(accepted: Accepted, quantities: Mapping[str, int], fixed: Mapping[str, str]) -> dict[str, str] | None:
     """Bipartite assignment of slots to types with capacities, by augmenting paths; `fixed` ones stay."""
     taken = dict(fixed)

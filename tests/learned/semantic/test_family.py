@@ -143,6 +143,28 @@ def test_slots_that_share_parts_exchange_them() -> None:
     assert after.guidance["o1"] == ()
 
 
+def test_every_type_that_is_right_has_a_place_in_the_plan() -> None:
+    """A robot that holds the other one of two types that are right would wait for ever."""
+    planner = BayesPlanner(
+        family({"e": ["o3", "o3", ["o1", "o2"], "o1", "o2", EMPTY], "f": [*["o1"] * 3, *["o2"] * 3]})
+    )
+    placed = {"p1": "o3", "p2": "o3", "p4": "o1", "p5": "o2"}
+    plan = planner.plan(AssemblyState(placed))
+    assert plan.goal == "e"
+    assert (plan.guidance["o1"], plan.guidance["o2"]) == (("p3",), ("p3",))
+
+
+def test_the_plan_of_a_type_names_no_more_places_than_parts_are_left() -> None:
+    limits = {"g": {"o1": 1, "o2": 1}}
+    planner = BayesPlanner(
+        family({**GOALS, "g": [["o1", "o2"], ["o1", "o2"], *["o3"] * 3, EMPTY]}, goal_quantities=limits)
+    )
+    plan = planner.plan(AssemblyState({"p3": "o3", "p4": "o3", "p5": "o3"}))
+    assert plan.goal == "g"
+    assert sorted((len(plan.guidance["o1"]), len(plan.guidance["o2"]))) == [1, 1]
+    assert {*plan.guidance["o1"], *plan.guidance["o2"]} == {"p1", "p2"}
+
+
 def test_an_empty_slot_is_wanted_by_nobody() -> None:
     plan = BayesPlanner(FAMILY).plan(AssemblyState({"p3": "o3", "p4": "o1"}))
     assert plan.goal == "c"

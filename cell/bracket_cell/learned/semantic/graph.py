@@ -20,7 +20,7 @@ from bracket_cell.learned.semantic.hypotheses import Hypotheses
 from bracket_ground.errors import ModelError
 from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.product import Product
-from bracket_ground.interfaces.variants import Choice, completed, types_of, written
+from bracket_ground.interfaces.variants import Choice, places, types_of, written
 
 Ints: TypeAlias = hypotheses.Ints
 Floats: TypeAlias = hypotheses.Floats
@@ -63,16 +63,13 @@ class Layout:
         """The goals' arrangements."""
         return Hypotheses.of(self.parts, dict(zip(self.goals, self.choices, strict=True)), self.limits)
 
-    def completed(self, goal: int, edges: Floats) -> Floats:
-        """(n, m) one where a goal puts a type, keeping of what is placed (n, m) what belongs there."""
-        accepted = {
-            at: types
-            for at, choice in zip(self.positions, self.choices[goal], strict=True)
-            if (types := types_of(choice))
-        }
+    def places(self, goal: int, edges: Floats) -> dict[str, tuple[str, ...]]:
+        """By part type, the open positions of a goal that take it, beside what is placed (n, m)."""
+        named = zip(self.positions, self.choices[goal], strict=True)
+        accepted = {at: types for at, choice in named if (types := types_of(choice))}
         placed = {self.positions[at]: self.parts[part] for part, at in np.argwhere(edges)}
-        found = completed(accepted, self.limits.get(self.goals[goal], {}), placed) or {}
-        return self.encode(AssemblyState(found))
+        stock = dict(zip(self.parts, self.quantities.tolist(), strict=True))
+        return places(accepted, self.limits.get(self.goals[goal], {}), placed, stock)
 
     @cached_property
     def wanted(self) -> Floats:

@@ -194,13 +194,14 @@ def _answer(layout: Layout, edges: Floats, found: Posterior, wanted: Floats, fol
     Where that is none of the known ones, only placements are named that are sure: the last ones, by what remains.
     """
     goals = found.belief[: len(layout.goals)]
-    if not layout.hypotheses.plain:
-        likeliest = int(np.argmax(goals))
-        wanted = wanted.copy()
-        wanted[likeliest] = layout.completed(likeliest, edges)
-    unknown = int(np.argmax(found.belief)) == len(layout.goals)
-    plans = np.where(found.placements > SURE, found.placements, 0.0) if unknown else wanted[int(np.argmax(goals))]
-    return Answer(found.belief, found.placements, goals @ following, templated_guidance(layout, edges, plans))
+    likeliest = int(np.argmax(found.belief))
+    if likeliest == len(layout.goals):
+        guidance = templated_guidance(layout, edges, np.where(found.placements > SURE, found.placements, 0.0))
+    elif layout.hypotheses.plain:
+        guidance = templated_guidance(layout, edges, wanted[likeliest])
+    else:
+        guidance = layout.places(likeliest, edges)
+    return Answer(found.belief, found.placements, goals @ following, guidance)
 
 
 def as_told(found: Posterior, layout: Layout, edges: Floats, goal: str | None) -> Posterior:

@@ -177,6 +177,10 @@ class SimCell:
         wanted = self._job.placements if worker else {}
         self.world = _world(product, bench, settings, self.look, clutter, chance.habits, wanted, robot)
         self.stock = Stock(self.world, product, bench, settings.clutter, chance.stock)
+        if (types := settings.person.storage.types) is not None:
+            own = set(chance.stock.permutation(list(product.parts))[:types].tolist())
+            theirs = (body for body in self.world.bodies if body.owner == "person")
+            self.stock.take([body for body in theirs if body.part not in own])
         self._mishaps = Mishaps(self.world, self.stock)
 
     def _open_eyes(

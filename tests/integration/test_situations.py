@@ -8,10 +8,16 @@ from pathlib import Path
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product, simulated
+from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Outcome
 from bracket_ground.files.row_store import RowStore
+from bracket_lab.evaluations import assembly as lab_assembly
+from bracket_sim.cell import SimCell
+from bracket_sim.scene.person import Person, Storage
+from bracket_sim.scene.settings import SimSettings
+from tests.integration.cell_rig import BENCH, PRODUCT
 from tests.integration.situations import SITUATIONS, row, seen, uninterrupted
 
 
@@ -39,6 +45,30 @@ def test_a_run_that_a_signal_ended_is_not_kept() -> None:
     with pytest.raises(SystemExit, match="not kept"):
         uninterrupted(ended)
     assert uninterrupted(replace(ended, end="timeout")).end == "timeout"
+
+
+@pytest.mark.parametrize("name", ["points_at_hole", "undoes"])
+def test_where_the_person_works_a_shift_the_cell_knows_that_somebody_answers(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    present = []
+
+    def run(*_: object, operator: OperatorChannel, **__: object) -> Outcome:
+        present.append(operator.take(0.0).present)
+        return Outcome("interrupted", "nothing was run", 0, 0, 0.0, 0.0)
+
+    monkeypatch.setattr(lab_assembly, "run_controller", run)
+    with pytest.raises(SystemExit):
+        seen(SITUATIONS[name], 1)
+    assert present == [SITUATIONS[name].shift]
+
+
+def test_a_person_may_have_parts_of_some_types_alone() -> None:
+    settings = SimSettings(person=Person(storage=Storage(types=1)))
+    cell = SimCell(PRODUCT, BENCH, settings, "virtual", "types", 5, "g0", rendered=False)
+    theirs = {body.part for body in cell.world.bodies if body.owner == "person" and body.name not in cell.stock.kept}
+    cell.close()
+    assert len(theirs) == 1
 
 
 @pytest.mark.slow

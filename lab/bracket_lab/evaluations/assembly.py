@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
+from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
@@ -26,6 +27,7 @@ from bracket_sim.cell import SimCell
 from bracket_sim.faults.injection import Injection, Injections, attended
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.process.opening import open_simulation
+from bracket_sim.scene.settings import settings_of
 
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 
@@ -124,18 +126,26 @@ def opened(
     rendered: bool,
     supervised: Callable[[FaultTable, MotionPlanner], Supervisor] = make_supervisor,
 ) -> Iterator[Assembly]:
-    """The same in a cell of this configuration as it is; the seed draws the goal."""
+    """The same in a cell of this configuration as it is; the seed draws the goal. In a shift somebody answers."""
     loaded, planners = load_tree(tree, node_registry(product)), load_planners(configuration, product)
     motion = MotionPlanner(product, configuration.bench, configuration.motion)
     files = Files(configuration, product, loaded, planners, table or load_faults(configuration))
     cell = open_simulation(configuration, product, seed, rendered=rendered)
+    answers = settings_of(configuration.devices.simulation).shift
 
     def run(observers: Sequence[Observer], injected: Injected = None) -> Outcome:
         with attached(
             configuration, product, cell.devices if rendered else without_pixels(cell, configuration, product)
         ) as devices:
+            operator = OperatorChannel(product.goals, present=answers)
             return run_controller(
-                files, attended(devices), motion, observers, injection=injected, supervised=supervised
+                files,
+                attended(devices),
+                motion,
+                observers,
+                injection=injected,
+                operator=operator,
+                supervised=supervised,
             )
 
     try:

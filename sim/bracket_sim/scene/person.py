@@ -106,6 +106,7 @@ class Storage(Model):
         elsewhere: share of parts that lie on the table before the bracket, as the robot left them.
         handed_over: share of parts that the robot fetches and holds out; only in data, where a script moves it.
         from_tray: share of fetches for which the person reaches into the robot's tray, where it has such a part.
+        types: number of types, drawn, that the person has parts of; the rest only the robot has. Null: all.
         begun: number of holes, drawn, that somebody else has filled rightly with these parts before the run.
     """
 
@@ -114,6 +115,7 @@ class Storage(Model):
     elsewhere: Share = 0.0
     handed_over: Share = 0.0
     from_tray: Share = 0.0
+    types: int | None = Field(default=None, ge=1)
     begun: int = Field(default=0, ge=0)
 
 

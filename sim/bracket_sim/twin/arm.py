@@ -97,8 +97,8 @@ class TwinArm:
         self._lookahead_s, self._gain = float(np.clip(lookahead_s, *LOOKAHEAD_S)), float(np.clip(gain, *GAIN))
 
     def speed(self, goal_rad_s: Array, acceleration_rad_s2: float) -> None:
-        """Take on these speeds, and keep them."""
-        self.mode, self._goal, self._acceleration = "speed", goal_rad_s, acceleration_rad_s2
+        """Take on these speeds, all joints slower where one of them is not as fast, and keep them."""
+        self.mode, self._goal, self._acceleration = "speed", self._able(goal_rad_s), acceleration_rad_s2
 
     def move(self, moves: list[tuple[Array, float, float]]) -> None:
         """Go to (joints, speed, acceleration), one after the other, with a rest at each."""
@@ -173,8 +173,12 @@ class TwinArm:
             return np.zeros_like(way)
         now = float(np.abs(self.driven_rad_s).max())
         fastest = min(speed * self.scale, now + acceleration * dt_s, float(np.sqrt(2 * acceleration * far)), far / dt_s)
-        step: Array = way / far * fastest
-        return step
+        return self._able(way / far * fastest)
+
+    def _able(self, speeds_rad_s: Array) -> Array:
+        """These speeds, or a share of them that all joints can have by the data sheet."""
+        excess = float((np.abs(speeds_rad_s) / np.array(self._world.robot.speed_rad_s)).max())
+        return speeds_rad_s / max(1.0, excess)
 
     def _watch(self) -> None:
         """Tell when the joints are held back from their set points, or run faster than they may."""

@@ -80,6 +80,21 @@ def test_a_general_limit_stops_the_arm(world: World, limits: MotionLimits, said:
     assert served(world, arm, 0.8).startswith(said)
 
 
+def test_motions_that_the_controller_plans_are_as_fast_as_its_joints(world: World) -> None:
+    arm, fastest = TwinArm(world), [0.0]
+    most = world.robot.speed_rad_s[0]
+    goal = arm.measured.positions_rad + 2.0 * TURN
+    for number in driven(world, arm, 400):
+        if number == 0:
+            arm.speed(2.9 * TURN, 40.0)
+        elif number == 60:
+            arm.move([(goal, 3.1, 8.0)])
+        fastest.append(float(np.abs(arm.driven_rad_s).max()))
+    assert arm.held_back == ""
+    assert fastest[50] == pytest.approx(most)
+    assert max(fastest) <= most + 1e-9
+
+
 def trailed(world: World, lookahead_s: float, gain: float) -> tuple[float, float]:
     """How far joints trail set points that go at 0.2 rad/s [s], and how far they shoot over where these stand [rad]."""
     arm = TwinArm(world)

@@ -140,6 +140,18 @@ def test_a_hand_that_points_at_an_open_hole_answers() -> None:
     assert told(to, node) == {"p5": "o1"}
 
 
+def test_what_a_tracker_that_has_told_held_parts_tells_of_empty_fingers_counts() -> None:
+    to = services()
+    node = asking(to, replace(NEW, told_goal=None))
+    see(to, 0.0, hand=replace(hand_at(1.0, 0.0), held_part="o1"))
+    assert node.execute() is Status.FAILURE
+    node.state.set(NEW)
+    later(to, node, 0.5)
+    later(to, node, 7.0)
+    points(to, node, "p5", 10.2, hand={"thumb_m": None})
+    assert told(to, node) == {"p5": "o1"}
+
+
 @pytest.mark.parametrize(
     ("position", "sample"),
     [

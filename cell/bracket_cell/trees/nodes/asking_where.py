@@ -33,14 +33,18 @@ class AskPosition(Asks):
     _placed: Mapping[str, str] = {}
     _part = ""
     _told: Placement | None = None
+    _pointing: Pointing | None = None  # learns from all looks whether held parts are told
 
     def initialise(self) -> None:
         self._asked_s, self._placed = self.now.observation.time_s, self.state.get().placed
         self._told = None
         self._by_hand: set[str] = set()  # types that the person places
-        self._pointing = Pointing(self.tools.product, self.tools.bench, self.points_s.get())
+        self._pointing = self._pointing or Pointing(self.tools.product, self.tools.bench, self.points_s.get())
 
     def update(self) -> Status:
+        assert self._pointing is not None
+        legal = () if self._question is None else self._question.positions
+        pointed = self._pointing.at(self.now.observation.bench, legal)
         if self._told is not None:
             return self.planned(self.plan.get().next_belief.get(self._told) == 1.0)
         services, part = self.services, self._next_part()
@@ -53,7 +57,6 @@ class AskPosition(Asks):
             if self._by_hand or self.compare(services.now.observation.time_s - self._asked_s, ">=", self.settle_s):
                 self._ask(part)
             return Status.RUNNING
-        pointed = self._pointing.at(services.now.observation.bench, self._question.positions)
         answer = self.answered() or pointed
         if answer == PLACED_BY_HAND or services.now.observation.operator.newest("place", self._asked_s) is not None:
             self._by_hand.add(self._part)

@@ -9,7 +9,7 @@ from tests import ROOT
 from tests.docs.pictures import FILM, MADE, PAGE, PARTS, PHOTOGRAPH, STANCES
 
 DOCS = ROOT / "docs"
-MEASURED = {"learning.svg"}  # drawn by the command that measures, as its page says
+MEASURED = {"imitating.svg", "learning.svg"}  # drawn by the commands that measure, as their page says
 
 
 @pytest.mark.parametrize("name", MADE)

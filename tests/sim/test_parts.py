@@ -132,3 +132,15 @@ def test_a_valve_of_ones_own_is_data(product: Product, bench: Bench) -> None:
     world.settle()
     assert all(world.part_pose(part).rotation[2, 2] > 0.99999 for part in world.bodies)
     assert not mine.parts["o2"].alike_after_half_turn
+
+
+def test_a_plain_box_is_touched_where_it_ends(bench: Bench) -> None:
+    """A suction cup, or another part, comes to rest on its whole height, not below the fitting that is seen."""
+    kind = {"title": "plain", "size_m": (0.04, 0.03, 0.02), "colour_rgb": (0.8, 0.1, 0.1), "mass_kg": 0.1}
+    listed = {"parts": {"box": kind}, "goals": {"g": ["box"] * 6}}
+    shipped = load_yaml(CONFIG / "products.yaml", Product)
+    product = Product.model_validate({**shipped.model_dump(), **listed, "goal_titles": {}})
+    world = world_of(product, bench)
+    body = int(world.model.body("box_robot_0").id)
+    assert np.allclose(extents(world, body, touching=True), extents(world, body, touching=False))
+    assert extents(world, body, touching=True)[1][2] == pytest.approx(0.02)

@@ -147,17 +147,14 @@ def _turned(quaternion: tuple[float, float, float, float], angle_rad: float) -> 
     return tuple(float(value) for value in turned)
 
 
-def top_m(kind: PartType) -> float:
-    """How high above its foot another part stands on one of this type."""
-    return kind.size_m[2] - (0.0 if kind.shape else FITTING_M)
-
-
 def _add_plain_box(body: mujoco.MjsBody, kind: PartType, style: int, mass_kg: float) -> None:
-    length, width, _ = kind.size_m
-    height = top_m(kind)
-    block = add_box(body, (0, 0, height / 2), (length, width, height), kind.colour_rgb, palette.PART_TOUCH)
-    block.mass = mass_kg
+    """A box that touches at its full height; what is seen of it carries the fitting."""
+    length, width, height = kind.size_m
+    below_m = height - FITTING_M
+    add_box(body, (0, 0, below_m / 2), (length, width, below_m), kind.colour_rgb, palette.NO_TOUCH)
     _add_fitting(body, kind, style)
+    block = add_box(body, (0, 0, height / 2), kind.size_m, kind.colour_rgb, palette.PART_TOUCH)
+    block.mass, block.group = mass_kg, HIDDEN_GROUP
 
 
 def _add_fitting(body: mujoco.MjsBody, kind: PartType, style: int) -> None:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from bracket_ground.interfaces.product import PartType, Product
-from bracket_sim.scene.parts import ScenePart, top_m
+from bracket_sim.scene.parts import ScenePart
 
 if TYPE_CHECKING:
     from bracket_sim.scene.world import World, WorldPart
@@ -74,13 +74,13 @@ class Joining:
     def _stack(self, low: WorldPart, kind: PartType) -> list[WorldPart] | None:
         """A body and what a sub-assembly has on it, from the bottom up, where all stand still as they should."""
         kinds, done, stack = self._world.product.parts, self._joined(low), [low]
-        height_m = sum(top_m(kinds[one]) for one in done)
+        height_m = sum(kinds[one].size_m[2] for one in done)
         for part in kind.made_of[len(done) :]:
             found = next(self._seated(low, part, height_m, stack), None)
             if found is None:
                 return None
             stack.append(found)
-            height_m += top_m(kinds[part])
+            height_m += kinds[part].size_m[2]
         return stack if all(self._still(world_part) for world_part in stack) else None
 
     def _seated(self, low: WorldPart, part: str, height_m: float, stack: Sequence[WorldPart]) -> Iterator[WorldPart]:

@@ -70,19 +70,22 @@ class Arm:
         pass
 
 
-def followed(monkeypatch: pytest.MonkeyPatch, held_up: dict[float, float], share_s: float = 9.0) -> Arm:
+def followed(
+    monkeypatch: pytest.MonkeyPatch, held_up: dict[float, float], share_s: float = 9.0, first: float = 1.0
+) -> Arm:
     """An arm that followed a path over 3 rad, and is told to go on until a moment."""
     machine = Machine(held_up)
     arm, began_s = Arm(machine), machine.now_s
     monkeypatch.setattr(stream, "time", machine)
     times_s = np.linspace(0.0, WAY_RAD / SPEED_RAD_S, 50)
     path = JointTrajectory(times_s, (times_s * SPEED_RAD_S)[:, np.newaxis])
-    told: list[Any] = [stream.Start(np.zeros(1), ACCELERATION_RAD_S2), stream.Share(1.0), stream.Begin(path)]
+    told: list[Any] = [stream.Start(np.zeros(1), ACCELERATION_RAD_S2), stream.Share(first), stream.Begin(path)]
 
     def taken() -> Any:
         if not told:
             now_s = machine.now_s - began_s
-            told.extend([stream.Share(float(now_s < share_s)) if now_s < 4.0 else stream.Leave(), None])
+            share = first if now_s < 0.43 else 1.0  # between two pieces
+            told.extend([stream.Share(share * (now_s < share_s)) if now_s < 4.0 else stream.Leave(), None])
         return told.pop(0)
 
     channel: Any = SimpleNamespace(taken=taken, send=lambda *_: None)
@@ -94,6 +97,12 @@ def followed(monkeypatch: pytest.MonkeyPatch, held_up: dict[float, float], share
 def test_a_process_that_is_held_up_goes_on_where_the_arm_is(monkeypatch: pytest.MonkeyPatch, held_up_s: float) -> None:
     arm = followed(monkeypatch, {0.5: held_up_s, 0.9: held_up_s})
     assert max(arm.jumps_rad) < 1.1 * PERIOD_S * SPEED_RAD_S
+    assert arm.at_rad == pytest.approx(WAY_RAD)
+
+
+def test_a_path_is_no_faster_than_the_arm_before_the_next_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = followed(monkeypatch, {}, first=0.5)
+    assert max(arm.jumps_rad[1:]) < 1e-3
     assert arm.at_rad == pytest.approx(WAY_RAD)
 
 

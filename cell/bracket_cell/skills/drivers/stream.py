@@ -235,7 +235,10 @@ class _Stream:
         return there + self._beside * _left(self._blended)
 
     def _advance(self, path: PacedPath) -> None:
-        target, self._untold = self._step(path, self._allowed), self._untold + 1
+        share = self._allowed
+        if self._piece[0] == self._paths:  # the arm has a piece, and is no faster before it has the next
+            share = min(share, self._piece[1])
+        target, self._untold = self._step(path, share), self._untold + 1
         if self._untold >= STANDING_CYCLES or not np.array_equal(target, self._target):
             self._untold = 0
             self.say(Sent(time.monotonic(), path.path_s, path.moving, self._paths))

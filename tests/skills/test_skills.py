@@ -23,6 +23,7 @@ from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.grasping import OFF_MIDDLE_M
 from bracket_ground.interfaces.grip import Grip, Hold
+from bracket_ground.interfaces.gripper import load_gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
@@ -377,6 +378,19 @@ def test_fingers_that_do_not_let_go_are_a_failure(planner: MotionPlanner, robot:
     progress = phase.poll(held, Command())
     assert progress.status is SkillStatus.FAILURE
     assert "still hold something" in progress.reason
+
+
+def test_a_cup_that_took_nothing_is_switched_off(planner: MotionPlanner, robot: IdealRobot) -> None:
+    """One that goes on sucking takes something on the way, and nobody knows that it does."""
+    cup = load_gripper("cup")
+    assert cup.switched is not None
+    settings = planner.settings.of(planner.settings.robot.model_copy(update={"gripper": cup}))
+    phase = SetGripper("grasping o1", GripperCommand(0.0), settings, must_hold=True)
+    empty = replace(robot.observe(), gripper=GripperState(robot.time_s, True, ObjectStatus.AT_POSITION, 0.0, 0.1, 0))
+    phase.poll(empty, Command())
+    progress = phase.poll(empty, sent := Command())
+    assert progress.status is SkillStatus.FAILURE
+    assert sent.gripper == GripperCommand(cup.switched.stroke_m)
 
 
 def lost_on_the_way(robot: IdealRobot, skill: PhasedSkill, doing: str, after_ticks: int) -> list[Command]:

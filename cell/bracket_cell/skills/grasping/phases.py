@@ -153,6 +153,8 @@ class SetGripper:
         if observation.gripper.object_status is ObjectStatus.MOVING:
             return _fingers_move(self.doing, self.settings, late=observation.worked_s > self._deadline_s)
         if self.must_hold and not observation.gripper.holding:
+            if (switched := self.settings.gripper.switched) is not None:  # else it takes something on the way
+                command.gripper = GripperCommand(switched.stroke_m)
             return failed(Message("{doing}: nothing between the fingers", doing=self.doing))
         if not self.must_hold and observation.gripper.holding:
             return failed(Message("{doing}: the fingers still hold something", doing=self.doing))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,10 @@ def test_as_long_as_hands_are_out_of_the_view_they_may_come_over_the_persons_edg
     space = PersonSpace(configuration.bench, settings)
     hands = [sample((0.8, 0.1 * number), (0.9, 0.1 * number)) for number in range(seen)]
     view = BenchView(1, 1.0, hands[0], {}, Action("idle", 1.0), "", other_hands=tuple(hands[1:]))
-    assert len(space.of(KnownBench(space.view_range, view, 1.0))) == seen + more
+    found = space.of(KnownBench(space.view_range, view, 1.0))
+    assert sum(person.body is space.beyond[space.edge] for person in found) == more
+    alone = [space.of(KnownBench(space.view_range, replace(view, hand=hand, other_hands=()), 1.0)) for hand in hands]
+    assert len(found) - more == sum(len(bodies) - 1 for bodies in alone)  # each with its elbow and head
 
 
 def test_an_arm_from_the_side_hides_nothing_on_the_persons_side() -> None:

@@ -26,7 +26,7 @@ MODULES = {  # with records, by package
     "bracket_cell.skills.motion": "arm_monitor collision grasp_pose lying_grasp motions planner separation",
     "bracket_cell.trees": "guard",
     "btxml.engine": "status",
-    "bracket_cell.trees.nodes": "mistakes moving people poses telling watching ported.moveit_pro",
+    "bracket_cell.trees.nodes": "mistakes moving people pointing poses telling watching ported.moveit_pro",
 }
 COUNTED = (int, np.integer)
 MEASURED = (int, float, np.number)

@@ -21,15 +21,16 @@ from bracket_sim.scene.settings import settings_of
 
 LOOKS = simulated(load_configuration(), "nominal", "varied")
 SHIPPED = WEIGHTS / weights_file("actions", "slim")
-TEST_SEED = 900_500
+TEST_SEEDS = 900_500, 900_501
 
 
-def test_most_segments_of_an_unseen_recording_are_named_right(tmp_path: Path) -> None:
+def test_most_segments_of_unseen_recordings_are_named_right(tmp_path: Path) -> None:
     product, bench = load_product(LOOKS), LOOKS.bench
-    assembly = record(product, bench, settings_of(LOOKS.devices.simulation), TEST_SEED)
-    write_segments(Source(assembly, product, bench), DataFolder(tmp_path / "new", "test"), thin=True)
+    for seed in TEST_SEEDS:
+        assembly = record(product, bench, settings_of(LOOKS.devices.simulation), seed)
+        write_segments(Source(assembly, product, bench), DataFolder(tmp_path / f"{seed}", "test"), thin=True)
     classes, reader = Classes.of(product), SegmentReader(bench, product)
-    segments = load_segments([tmp_path / "new"], classes)
+    segments = load_segments([tmp_path / f"{seed}" for seed in TEST_SEEDS], classes)
     network = OnnxModel.load(SHIPPED, "actions.slim")
     posterior, released = answers(network, segments, reader)
     scores = class_scores(segments, posterior, classes)

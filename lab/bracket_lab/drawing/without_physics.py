@@ -100,7 +100,8 @@ class KinematicBench:
         self._rng = streams[2]
         self._reset(self._laid_out(streams[0], np.random.default_rng([seed, 9])))
         wanted = self._product.goal_placements(goal)
-        worker = Worker(self.world, self._product, self._bench, self._person, wanted, streams[1], streams[0])
+        moves, habits = streams[1], streams[0]
+        worker = Worker(self.world, self._product, self._bench, self._person, wanted, moves, habits, minds_arm=False)
         handed_over = tuple(part for part in parts_in_tray(self.world) if part.owner == "person")
         self._giver = Giver(self.world, handed_over, worker.has, streams[3])
         every = max(1, round(1 / (rate_hz * PERIOD_S)))

@@ -36,10 +36,11 @@ class GoingRound:
 
     Args:
         turned_rad: over which edge the person stands, see `OtherHand`.
+        minds: it goes round at all; where nothing touches, as without physics, nobody needs to.
     """
 
-    def __init__(self, hand: Hand, sight: Sight, turned_rad: float) -> None:
-        self._hand, self._sight = hand, sight
+    def __init__(self, hand: Hand, sight: Sight, turned_rad: float, minds: bool) -> None:
+        self._hand, self._sight, self._minds = hand, sight, minds
         self._outwards: Array = np.array([math.cos(turned_rad), math.sin(turned_rad), 0.0])
         self._touched_s, self._calm_s, self._stopped_s = 0.0, CALM_S, 0.0
         self.aside_m, self.care = 0.0, 1.0
@@ -84,7 +85,9 @@ class GoingRound:
 
     def _gap_m(self, wanted_m: Array, yaw_rad: float, aside_m: float) -> float:
         """Between the hand, were it there, and an arm that stands, or stood as it was gone round; else infinite."""
-        if not self._sight.has_arm or (self._sight.arm_moving and not (self.aside_m or self._stopped_s)):
+        if not (self._minds and self._sight.has_arm) or (
+            self._sight.arm_moving and not (self.aside_m or self._stopped_s)
+        ):
             return math.inf
         links_m = self._sight.links_m
         cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)

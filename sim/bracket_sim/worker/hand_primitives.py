@@ -78,9 +78,10 @@ class HandPrimitives:
         rng: np.random.Generator,
         chance: np.random.Generator,
         turned_rad: float = 0.0,
+        minds_arm: bool = True,
     ) -> None:
         self._hand = hand
-        self._round = GoingRound(hand, sight, turned_rad)
+        self._round = GoingRound(hand, sight, turned_rad, minds_arm)
         self._meant = self.forceful = False
         self._room = True  # for the hand where it is going
         self._sight = sight

@@ -77,6 +77,7 @@ class Worker:
         around: what happens around the bracket; None for a person who does nothing but assemble one.
         number: of the hand; 0 is the first one.
         hands: what all hands are about.
+        minds_arm: it goes round an arm that stands; where nothing touches, nobody needs to.
     """
 
     def __init__(
@@ -91,6 +92,8 @@ class Worker:
         around: WorkerContext | None = None,
         number: int = 0,
         hands: Hands | None = None,
+        *,
+        minds_arm: bool = True,
     ) -> None:
         self._number, self._hands = number, hands or Hands()
         other = person.other_hands[number - 1] if number else None
@@ -103,7 +106,8 @@ class Worker:
         self.hand = Hand(world.model, world.data, number)
         self.hand.turn(self._turned_rad)
         self._events = EventLog()
-        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, self._chance, self._turned_rad)
+        chance, turned_rad = self._chance, self._turned_rad
+        self._work = HandPrimitives(self.hand, self._sight, product, person, rng, chance, turned_rad, minds_arm)
         self._events.note("person", pace=self._work.pace)
         self._bench = bench
         self._bracket = 0

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 
 from bracket_cell.skills.follow_policy import STEP_M
+from tests.benchmarks.learning import draw
 
 NAME = "bracket_sim.gymnasium_env:cell/Reach-v0"
 SHOWN, TRIED, FIRST_TRIED = 200, 40, 100_000  # trays that are shown and tried; seeds of the first kind begin at 0
@@ -120,22 +121,6 @@ def learned(env: Any, shown: Batch, training: int) -> list[Row]:
     return rows
 
 
-def draw(trainings: list[list[Row]], file: Path) -> None:
-    """A line for each training."""
-    import matplotlib.pyplot as plt
-
-    figure, axis = plt.subplots(figsize=(6, 3))
-    for number, rows in enumerate(trainings):
-        axis.plot([step for step, *_ in rows], [good / count for _, good, count in rows], label=f"ACT, seed {number}")
-    axis.set_xlabel("steps of training")
-    axis.set_ylabel("fresh trays that are reached")
-    axis.set_ylim(0, 1.02)
-    axis.legend(fontsize=7)
-    figure.tight_layout()
-    figure.savefig(file, metadata={"Date": None})
-    plt.close(figure)
-
-
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -146,7 +131,8 @@ def main() -> None:
     told = [episode(env, seed, lambda _: rule(env)) for seed in range(SHOWN)]
     print(json.dumps({"demonstrations, successes": [SHOWN, sum(good for _, good in told)]}), flush=True)
     shown = chunks([rows for rows, good in told if good])
-    draw([learned(env, shown, training) for training in range(options.trainings)], options.out)
+    rows = [learned(env, shown, training) for training in range(options.trainings)]
+    draw(rows, "ACT", "fresh trays that are reached", options.out)
 
 
 if __name__ == "__main__":

@@ -62,16 +62,29 @@ def windows(episodes: Sequence[Episode]) -> list[tuple[int, int, int]]:
     return found
 
 
-def draw(seeds: Sequence[Sequence[tuple[int, int, int]]], chance: tuple[int, int], file: Path) -> None:
-    """A line for each seed, with random actions beside."""
+def draw(
+    seeds: Sequence[Sequence[tuple[int, int, int]]],
+    name: str,
+    what: str,
+    file: Path,
+    chance: tuple[int, int] | None = None,
+) -> None:
+    """A line for each seed, of the share of episodes by steps; with random actions beside.
+
+    Args:
+        name: of the method.
+        what: the share is of.
+        chance: (successes, episodes) of random actions.
+    """
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3))
     for number, rows in enumerate(seeds):
-        axis.plot([end for end, *_ in rows], [good / count for _, good, count in rows], label=f"PPO, seed {number}")
-    axis.axhline(chance[0] / chance[1], color="grey", linestyle="--", label=f"random actions, n {chance[1]}")
+        axis.plot([end for end, *_ in rows], [good / count for _, good, count in rows], label=f"{name}, seed {number}")
+    if chance is not None:
+        axis.axhline(chance[0] / chance[1], color="grey", linestyle="--", label=f"random actions, n {chance[1]}")
     axis.set_xlabel("steps of training")
-    axis.set_ylabel("episodes that succeed")
+    axis.set_ylabel(what)
     axis.set_ylim(0, 1.02)
     axis.legend(fontsize=7)
     figure.tight_layout()
@@ -89,7 +102,7 @@ def main() -> None:
     for number, rows in enumerate(seeds):
         print(json.dumps({"seed": number, "steps, successes, episodes": rows}))
     print(json.dumps({"random": chance}))
-    draw(seeds, chance, options.out)
+    draw(seeds, "PPO", "episodes that succeed", options.out, chance)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,8 @@ def planning_scene(settings: Ros2ArmSettings) -> tuple[list[Obstacle], list[str]
             found += [_obstacle(thing.id, base, *shape) for shape in _shapes(thing)]
         except ValidationError as error:
             wrong = error.errors()[0]
-            left_out.append(f"{thing.id}: {'.'.join(map(str, wrong['loc']))}: {wrong['msg']}")
+            where = ".".join(map(str, wrong["loc"])) or "it"
+            left_out.append(f"{thing.id}: {where} is {wrong['input']!r}, which bench.obstacles does not take")
         except ValueError as error:
             left_out.append(f"{thing.id}: {error}")
         left_out += [f"{thing.id}: a plane has no end"] * len(thing.planes)

@@ -153,9 +153,9 @@ class Guard:
         if looked is None or looked[0] is not plan or looked[1] != state:
             looks = after_looks(self._product, plan, state, settings.wrong_act_s, settings.question_s)
             self._looked = looked = plan, state, looks
-        risks = [self._risk_s(share) for share in plan.next_belief.values() if self.unclear(plan, state) is None]
+        placements = plan.next_belief.values() if self.unclear(plan, state) is None else ()
         return Outlook(
-            act_s=min(risks, default=math.inf),
+            act_s=min(map(self._risk_s, placements), default=math.inf),
             wait_s=waiting_s(looked[2], settings.placement_s, waited_s if state.placed else 0.0),
             ask_s=settings.question_s if may_ask and state.told_goal is None else math.inf,
             after_one_s=next((cost_s for number, cost_s in looked[2] if number == 1), math.inf),

@@ -31,7 +31,7 @@ from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.controller import UrWires
 from bracket_sim.twin.gripper import ModbusTwin, Registers
 from tests.cell.conftest import changed_configuration
-from tests.sim.twin.rig import corrected, light_cell, own_host
+from tests.sim.twin.rig import corrected, own_host, ur_wires
 
 HOST = own_host(74)
 CONFIGURATION = load_configuration()
@@ -97,11 +97,8 @@ def real(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def wires() -> Iterator[UrWires]:
-    cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
-    (served,) = cell.serve()
-    assert isinstance(served, UrWires)
-    yield served
-    cell.close()
+    with ur_wires(HOST) as served:
+        yield served
 
 
 @pytest.fixture

@@ -111,10 +111,10 @@ def mesh() -> Any:
 
 def damaged() -> Iterator[tuple[Any, str]]:
     """What a stranger's scene may hold, and what is said of it."""
-    yield thing("thin", "base_link", size=(0.2, 0.0, 0.3)), "thin: box_m.1: "
+    yield thing("thin", "base_link", size=(0.2, 0.0, 0.3)), "thin: box_m.1 is 0.0, which bench.obstacles does not take"
     yield thing("short", "base_link", size=(0.2,)), "short: a shape of type 1 with 1 numbers"
-    yield thing("x" * 99, "base_link"), f"{'x' * 99}: name: "
-    yield thing("odd", "base_link", size=(0.2, float("nan"), 0.3)), "odd: box_m.1: "
+    yield thing("x" * 99, "base_link"), f"{'x' * 99}: name is "
+    yield thing("odd", "base_link", size=(0.2, float("nan"), 0.3)), "odd: box_m.1 is nan, which"
     poseless, empty_mesh, lost = thing("poseless", "base_link"), mesh(), thing("lost", "base_link")
     poseless.primitive_poses = []
     yield poseless, "poseless: it has not as many poses as shapes"

@@ -23,6 +23,7 @@ from bracket_sim.twin import controller
 from bracket_sim.twin.arm import TwinArm
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.control import ControlDoor, ask
+from bracket_sim.twin.controller import UrWires
 from bracket_sim.twin.ur_model import Model
 from tests.processes import started
 
@@ -91,6 +92,16 @@ def light_cell(settings: Mapping[str, Mapping[str, Any]], robot: str, slower: fl
         product, bench, simulation, "virtual", "twin", 0, "g0", worker=False, clutter=(), rendered=False, arm=made
     )
     return TwinCell(sim, arms[0], settings, robot, period_s, slower)
+
+
+@contextmanager
+def ur_wires(host: str) -> Iterator[UrWires]:
+    """The wires of a UR10 alone, served at a host."""
+    cell = light_cell({"arm": {"kind": "ur", "host": host}}, "ur10", 1.0)
+    (served,) = cell.serve()
+    assert isinstance(served, UrWires)
+    yield served
+    cell.close()
 
 
 def corrected(model: Model, seed: int) -> Model:

@@ -11,7 +11,7 @@ import pytest
 
 from bracket_sim.twin.controller import Controller, RobotMode, UrWires
 from bracket_sim.twin.rtde import PORT, output_of
-from tests.sim.twin.rig import light_cell, own_host
+from tests.sim.twin.rig import own_host, ur_wires
 
 HOST = own_host(64)
 
@@ -44,11 +44,8 @@ class Wire:
 
 @pytest.fixture(scope="module")
 def wires() -> Iterator[UrWires]:
-    cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
-    (served,) = cell.serve()
-    assert isinstance(served, UrWires)
-    yield served
-    cell.close()
+    with ur_wires(HOST) as served:
+        yield served
 
 
 @pytest.fixture

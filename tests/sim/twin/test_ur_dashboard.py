@@ -19,7 +19,7 @@ from bracket_ground.interfaces.clock import WallClock
 from bracket_sim.twin.controller import Controller, RobotMode, UrWires
 from bracket_sim.twin.ur_dashboard import COMMANDS, answered
 from bracket_sim.twin.ur_model import MODELS, model_of
-from tests.sim.twin.rig import light_cell, own_host
+from tests.sim.twin.rig import own_host, ur_wires
 
 HOST = own_host(63)
 UNKNOWN = "could not understand: "
@@ -29,11 +29,8 @@ E_OLDEST, E_SERIES, X = (5, 0, 0, 0), (5, 12, 2, 0), (10, 7, 0, 0)
 
 @pytest.fixture(scope="module")
 def wires() -> Iterator[UrWires]:
-    cell = light_cell({"arm": {"kind": "ur", "host": HOST}}, "ur10", 1.0)
-    (served,) = cell.serve()
-    assert isinstance(served, UrWires)
-    yield served
-    cell.close()
+    with ur_wires(HOST) as served:
+        yield served
 
 
 @pytest.fixture

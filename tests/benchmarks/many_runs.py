@@ -33,7 +33,7 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Short">
 </root>
 """
 SPEC = "seeds: {{first: 0, count: {runs}}}\ntrees: [short.xml]\npeople: [careful]\npixels: false\n"
-LOOK_S = 0.2
+LOOK_S = 0.5
 
 
 def main() -> None:
@@ -61,12 +61,13 @@ def sweep(spec: Path, out: Path, of: int, kill_at: list[int]) -> None:
         of: how many workers there are.
     """
     command = [sys.executable, "-m", "bracket_cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", str(of)]
-    before, began_s, killed = len(rows(out)), time.perf_counter(), 0
+    journal = Journal(out)
+    before, began_s, killed = journal.count(), time.perf_counter(), 0
     seen: list[tuple[float, int]] = []  # when there were how many rows
     kill_at = [at for at in kill_at if at > before]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
         while running.poll() is None:
-            done = len(rows(out))
+            done = journal.count()
             if done > (seen[-1][1] if seen else before):
                 seen.append((time.perf_counter(), done))
             if kill_at and done >= kill_at[0]:
@@ -107,6 +108,23 @@ def kill_one(sweep_process: int) -> int:
                 continue
         return 1
     return 0
+
+
+class Journal:
+    """Counts rows without reading any twice: a look at ten thousand would cost as much as a run."""
+
+    def __init__(self, out: Path) -> None:
+        self._path, self._read, self._rows = out / "runs.jsonl", 0, 0
+
+    def count(self) -> int:
+        """Whole lines so far."""
+        if self._path.exists():
+            with self._path.open("rb") as journal:
+                journal.seek(self._read)
+                new = journal.read()
+            self._read += len(new)
+            self._rows += new.count(b"\n")
+        return self._rows
 
 
 def rows(out: Path) -> list[dict[str, Any]]:

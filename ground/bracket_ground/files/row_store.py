@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import io
 import json
 import os
@@ -11,11 +13,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO
+from weakref import WeakValueDictionary, finalize
 
 from bracket_ground.errors import InputError
 
 Row = dict[str, Any]
 OF = "rows_of"
+NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)  # a share that knows none
+
+
+class _Lock:
+    """An open file, which is closed with the last store of it; only the first of a process needs to lock it."""
+
+    def __init__(self, handle: int) -> None:
+        self.handle = handle
+        finalize(self, os.close, handle)
+
+
+_locks: WeakValueDictionary[Path, _Lock] = WeakValueDictionary()
 
 
 @dataclass(frozen=True)
@@ -45,13 +60,14 @@ class RowStore:
             row begins.
 
     Raises:
-        InputError: the file holds something else, or cannot be read or written.
+        InputError: the file holds something else, cannot be read or written, or another process adds rows to it.
     """
 
     def __init__(self, path: Path | None, by: Sequence[str], of: Mapping[str, object] | None = None) -> None:
         self.keys: dict[Any, int] = {}
         self._path, self._by, self._memory, self._lock = path, tuple(by), io.BytesIO(), Lock()
         heading = b"" if of is None else json.dumps({OF: dict(of)}).encode() + b"\n"
+        self._lock_of_file = self._alone()
         with self.opened("a+b") as stream:
             whole = self._read(stream, heading)
             stream.truncate(whole)
@@ -104,6 +120,26 @@ class RowStore:
                 yield stream  # type: ignore[misc]
         except OSError as error:
             raise InputError(f"{self._path}: cannot keep rows: {error.strerror or error}") from None
+
+    def _alone(self) -> _Lock | None:
+        """The file's lock, for as long as the store lives: two that add rows would each do all that is left."""
+        if self._path is None:
+            return None
+        path = self._path.resolve()
+        if (own := _locks.get(path)) is not None:
+            return own
+        with self.opened("ab") as stream:
+            lock = _Lock(os.dup(stream.fileno()))
+        try:
+            fcntl.flock(lock.handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            why = "another process adds rows to it: wait for that one, or name another file"
+            raise InputError(f"{self._path}: {why}") from None
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise InputError(f"{self._path}: cannot keep rows: {error.strerror or error}") from None
+        _locks[path] = lock
+        return lock
 
     def _read(self, stream: BinaryIO, heading: bytes) -> int:
         """Notes where each row begins; returns where the whole lines end."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,19 @@ def test_a_row_is_kept_once_for_its_key(tmp_path: Path) -> None:
     assert ("b" in again, "c" in again) == (True, False)
     assert again["b"] == {"key": "b", "seed": 1}
     assert [row["key"] for row in again.rows_of(["b", "a"])] == ["b", "a"]
+
+
+def test_a_second_process_adds_no_rows_meanwhile(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    other = "import sys; from bracket_ground.files.row_store import RowStore; from pathlib import Path; "
+    command = [sys.executable, "-c", f"{other}RowStore(Path(sys.argv[1]), ['key']).add({{'key': 'b'}})", str(path)]
+    store = RowStore(path, ["key"])
+    store.add({"key": "a"})
+    refused = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert "another process adds rows to it" in refused.stderr
+    del store
+    subprocess.run(command, check=True, timeout=60)
+    assert sorted(RowStore(path, ["key"]).keys) == ["a", "b"]
 
 
 def test_a_key_of_several_fields_may_lack_some() -> None:

@@ -1,8 +1,8 @@
 """The twin behind topics, services and actions of ROS 2, named as ur_robot_driver and ros2_robotiq_gripper name them.
 
 Its services answer clients of rmw_cyclonedds_cpp; its topics are for any. Its arm follows goals as
-scaled_joint_trajectory_controller does: the newest in place of the one before, by their stamps, as slowly as the slider
-says.
+scaled_joint_trajectory_controller does: the newest in place of the one before, by their stamps, from where it is to the
+first point of one that begins later, as slowly as the slider says.
 """
 
 from __future__ import annotations
@@ -74,6 +74,7 @@ class RosArm:
 
     Attributes:
         told: what it serves.
+        asked_rad: set points of the last cycle on a goal, (n,).
         late_until_s, silent_until_s: joints wait until then and come at once, or do not come.
     """
 
@@ -81,8 +82,8 @@ class RosArm:
         self._cell, self._settings, self._clock = cell, cell.settings[role], RosTime(cell)
         self.controller, self._arm = Controller(cell), cell.arm
         self._names = [f"{self._settings['prefix']}{name}" for name in cell.sim.world.robot.joint_names]
-        self._path: tuple[float, Array, Array] | None = None  # when it was at its beginning, times, joints
-        self._along_s = 0.0
+        self._path: tuple[Array, Array] | None = None  # times, joints
+        self._along_s, self.asked_rad = 0.0, cell.arm.measured.positions_rad
         self.late_until_s = self.silent_until_s = self._back_s = self._slow_s = 0.0
         self._late: list[Any] = []
         self._modes: dict[str, Any] = {}
@@ -161,7 +162,11 @@ class RosArm:
         if not able or late or (np.diff(times_s) <= 0).any():
             return False
         joints = np.array([point.positions for point in points])[:, [names.index(name) for name in self._names]]
-        self._path, self._along_s = (begun_s, times_s, joints), self._cell.now_s() - begun_s
+        self._along_s = self._cell.now_s() - begun_s
+        if self._along_s < times_s[0]:
+            at_rad = self._arm.measured.positions_rad if self._path is None else self.asked_rad
+            times_s, joints = np.append(self._along_s, times_s), np.vstack([at_rad, joints])
+        self._path = times_s, joints
         self._cell.person_comes()
         return True
 
@@ -187,7 +192,7 @@ class RosArm:
         """One period along the goal."""
         if self._path is None:
             return
-        _, times_s, joints = self._path
+        times_s, joints = self._path
         if self.controller.runtime is not Runtime.PLAYING or self.controller.safety is not Safety.NORMAL:
             self._path, failed = None, empty(f"{TRAJECTORY}_Result")
             failed.error_code, failed.error_string = TOLERANCE, "the program does not run"
@@ -195,7 +200,8 @@ class RosArm:
             return
         self._along_s += self._cell.period_s * self.controller.slider
         self._arm.scale = 1.0  # the goal is followed slowly already
-        self._arm.servo(np.array([np.interp(self._along_s, times_s, one) for one in joints.T]))
+        self.asked_rad = np.array([np.interp(self._along_s, times_s, one) for one in joints.T])
+        self._arm.servo(self.asked_rad)
         if self._along_s >= times_s[-1]:
             self._path = None
             self._action.end(Status.SUCCEEDED, empty(f"{TRAJECTORY}_Result"))

@@ -112,6 +112,38 @@ def test_the_slider_is_obeyed_by_the_scaled_controller_alone(bench: Bench, serve
     assert 0.2 < fastest / full < 0.4
 
 
+def test_a_goal_that_begins_later_is_gone_to_meanwhile(served: tuple[float, RosArm]) -> None:
+    """As scaled_joint_trajectory_controller does: no jump to its first point."""
+    twin, speed_rad_s, later_s = served[1], 0.3, 0.16
+    with twin.controller.cell.lock:
+        twin.controller.cell.fault("mended")
+        twin._run_program()
+        began_s, began_rad = twin._cell.now_s(), twin._arm.measured.positions_rad.copy()
+
+        def goal(first_s: float) -> object:
+            made = empty("control_msgs/action/FollowJointTrajectory_Goal")
+            made.trajectory.header = twin._clock.header(began_s + first_s)
+            made.trajectory.joint_names = twin._names
+            for time_s in (0.0, 0.2, 0.4):
+                point = empty("trajectory_msgs/msg/JointTrajectoryPoint")
+                point.positions = (began_rad + speed_rad_s * (first_s + time_s)).tolist()
+                point.time_from_start.nanosec = round(1e9 * time_s)
+                made.trajectory.points.append(point)
+            return made
+
+        assert twin._accept(goal(0.0))
+        asked = []
+        for _ in range(3):
+            twin._follow()
+            asked.append(twin.asked_rad[0])
+        assert twin._accept(goal(later_s))
+        for _ in range(3):
+            twin._follow()
+            asked.append(twin.asked_rad[0])
+        twin._cancel()
+    assert np.diff(asked).max() < 1.2 * speed_rad_s * twin._cell.period_s
+
+
 def test_what_is_missing_is_said_in_words() -> None:
     configuration = load_configuration()
     nobody = SETTINGS.model_copy(update={"namespace": "/nobody"})

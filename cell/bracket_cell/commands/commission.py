@@ -46,9 +46,9 @@ from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
 from bracket_ground.errors import InputError
-from bracket_ground.files.files import whole_or_none
+from bracket_ground.files.files import read_text, whole_or_none
 from bracket_ground.files.model import Location
-from bracket_ground.files.yaml_file import load_yaml, write_values
+from bracket_ground.files.yaml_file import has_key, load_yaml, read_data, write_values
 from bracket_ground.interfaces.bench import Calibration
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.robot import DEFAULT, FOLDER, shipped_robots
@@ -260,7 +260,7 @@ def _teach_stop(configuration: Configuration, product: Product, config: Path) ->
         wait_for_enter("each joint turns by up to 0.5 rad about where the arm stands, as fast as it may: keep away")
         found = measured(devices, motion, say)
     told = found.model_dump(mode="json")
-    has_motion = "motion" in (yaml.safe_load(config.read_text(encoding="utf-8")) or {})
+    has_motion = has_key(config, "motion")
     values: dict[Location, object] = {("motion", "stopping"): told} if has_motion else {("motion",): {"stopping": told}}
     write_values(config, values)
     taught = load_configuration(config)
@@ -293,7 +293,7 @@ def _teach_robot(configuration: Configuration, config: Path) -> int:
     """Write the arm's own calibration into its file; a robot that is shipped gets one beside the configuration."""
     with located(config, configuration):
         own = own_calibration(configuration)
-    named = str(yaml.safe_load(config.read_text()).get(ROBOT, DEFAULT))
+    named = str(read_data(config, read_text(config)).get(ROBOT, DEFAULT))
     path = config.parent / named
     if named in shipped_robots():
         path = config.parent / f"{named}_own.yaml"

@@ -227,15 +227,14 @@ def beside_config(files: Iterable[Path] = ()) -> Path | None:
 
 def always_loaded() -> tuple[str, ...]:
     """Nodes that the configuration of this folder names, for commands that read no more of it."""
-    import yaml
-
     from bracket_cell.configuration import nodes_from
+    from bracket_ground.files.yaml_file import read_data
 
     if (config := beside_config()) is None:
         return ()
     try:
-        names = (yaml.safe_load(config.read_text("utf-8")) or {}).get("nodes") or ()
-    except (yaml.YAMLError, UnicodeDecodeError, AttributeError):
+        names = read_data(config, read_text(config)).get("nodes") or ()
+    except (InputError, AttributeError):
         return ()  # who loads it says what is wrong
     return nodes_from(map(str, names), config.parent)
 
@@ -303,13 +302,12 @@ def _plain(value: object, given: str) -> object:
 
 
 def _file(path: Path) -> Mapping[Any, Any]:
-    import yaml
+    from bracket_ground.files.yaml_file import read_data
 
-    text = read_text(path)
     try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"--set {path}: neither NAME=VALUE nor a YAML file that can be read: {error}") from None
+        content = read_data(path, read_text(path))
+    except InputError as error:
+        raise InputError(f"--set: neither NAME=VALUE nor a YAML file that can be read: {error}") from None
     if not isinstance(content, dict):
         raise InputError(f"--set {path}: the file must hold names and values, like part: o2")
     return content

@@ -30,7 +30,7 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
-from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.files.yaml_file import load_yaml, read_data
 from bracket_ground.interfaces.devices import ROLES
 
 MOST_RUNS = 10_000_000
@@ -244,7 +244,8 @@ def _send(file: Path, path: Path, files: dict[str, bytes]) -> None:
     beside = _digest(str(file.parent).encode())[:16]  # what stood in one folder still does
     name, configuration = f"sent/{beside}/{file.name}", f"config/{path.name}"
     files[f"config/{name}"] = file.read_bytes()
-    files[configuration] = yaml.safe_dump(_moved(yaml.safe_load(files[configuration]), folder, file, name)).encode()
+    moved = _moved(read_data(path, files[configuration].decode()), folder, file, name)
+    files[configuration] = yaml.safe_dump(moved).encode()
 
 
 def _moved(value: object, folder: Path, file: Path, name: str) -> object:
@@ -292,7 +293,7 @@ def _digest(content: bytes) -> str:
 
 def _beside(configuration: Configuration, path: Path) -> Iterator[Path]:
     """What a configuration names next to itself and, once loaded, holds no path of: simulator, robot, drivers."""
-    written = yaml.safe_load(read_text(path))
+    written = read_data(path, read_text(path))
     devices = written.get("devices", {})
     for name in (written.get("robot"), devices.get("simulation")):
         if name is not None:

@@ -6,6 +6,7 @@ import difflib
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +23,10 @@ M = TypeVar("M", bound=BaseModel)
 FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast; what it refuses, the other one words
 NOT_YAML = (yaml.YAMLError, ValueError, RecursionError)
 MAPPING, LIST = "keys with values", "a list"
+MOST_NESTED = 64  # levels; the parser in C ends the process at some ten thousand
+MOST_VALUES = 1_000_000  # with what aliases repeat
+MOST_BITS, SHOWN = 1024, 40  # of a whole number; characters of what is refused
+BEGINS, ENDS = yaml.CollectionStartEvent, yaml.CollectionEndEvent
 IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
     **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
@@ -49,6 +54,21 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
     if mistaken := list(_truths_for_numbers(path, root, data, read)):
         raise InputError(*mistaken)
     return read
+
+
+def read_data(path: Path, text: str) -> Any:
+    """The plain data of a text that somebody wrote, or that a log holds.
+
+    Args:
+        path: what it is called in errors.
+
+    Raises:
+        InputError: it is not YAML, has a key twice, or is nested or repeated beyond all use.
+    """
+    _, data, problems = _read_text(path, text)
+    if problems:
+        raise InputError(*problems)
+    return data
 
 
 def write_values(path: Path, values: Mapping[Location, object]) -> None:
@@ -125,7 +145,10 @@ def place_of(path: Path, location: Location) -> Place:
 
 
 def _read(path: Path) -> tuple[Node, object, list[Problem]]:
-    text = read_text(path)
+    return _read_text(path, read_text(path))
+
+
+def _read_text(path: Path, text: str) -> tuple[Node, object, list[Problem]]:
     if text.startswith(OPENCV):
         text = f"#{text[1:]}"
     try:
@@ -146,9 +169,10 @@ def _parsed(path: Path, text: str, kind: Any) -> tuple[Node, object, list[Proble
     """Nodes, data and problems of a text.
 
     Raises:
-        InputError: the file is empty.
+        InputError: the file is empty, or nested too deeply.
         NOT_YAML: it is not legal.
     """
+    _require_shallow(path, text)
     loader = kind(text)
     try:
         root = loader.get_single_node()
@@ -158,6 +182,16 @@ def _parsed(path: Path, text: str, kind: Any) -> tuple[Node, object, list[Proble
         return root, constructor.data(root), constructor.problems
     finally:
         loader.dispose()
+
+
+def _require_shallow(path: Path, text: str) -> None:
+    """Raises: InputError: nested too deeply. NOT_YAML: it is not legal."""
+    nested = 0
+    for event in yaml.parse(text, Loader=FAST):
+        nested += isinstance(event, BEGINS) - isinstance(event, ENDS)
+        if nested > MOST_NESTED:
+            line = event.start_mark.line + 1 if event.start_mark else None
+            raise InputError(Problem(Place(path, line), f"nested more than {MOST_NESTED} levels deep"))
 
 
 def _unreadable(path: Path, text: str, error: Exception) -> InputError:
@@ -181,6 +215,7 @@ class _Constructor:
         self._path = path
         self._loader = loader
         self._made: dict[int, object] = {}  # by node: an alias costs nothing however often it is used
+        self._sizes: dict[int, int] = {}  # by node: how many values it is for whoever goes through all
         self._under_way: set[int] = set()
 
     def data(self, node: Node) -> object:
@@ -191,8 +226,26 @@ class _Constructor:
         if key not in self._made:
             self._under_way.add(key)
             self._made[key] = self._make(node)
+            self._sizes[key] = self._size(node)
             self._under_way.remove(key)
         return self._made[key]
+
+    def _scalar(self, node: Node) -> object:
+        with suppress(ValueError, KeyError, AttributeError):  # what PyYAML raises for a value that does not fit its tag
+            value: object = self._loader.construct_object(node)
+            if not isinstance(value, int) or value.bit_length() <= MOST_BITS:
+                return value
+        shown = node.value if len(node.value) < SHOWN else f"{node.value[:SHOWN]}..."
+        kind = node.tag.rpartition(":")[2]
+        self.problems.append(Problem(_at(self._path, node), f"{shown!r} cannot be read as {kind}"))
+        return None
+
+    def _size(self, node: Node) -> int:
+        inner = [pair[1] for pair in node.value] if isinstance(node, MappingNode) else node.value
+        size = 1 if isinstance(node, ScalarNode) else 1 + sum(self._sizes.get(id(each), 1) for each in inner)
+        if size > MOST_VALUES:
+            raise InputError(Problem(_at(self._path, node), f"aliases make more than {MOST_VALUES:,} values of it"))
+        return size
 
     def _make(self, node: Node) -> object:
         if isinstance(node, SequenceNode):
@@ -200,7 +253,7 @@ class _Constructor:
         if not isinstance(node, MappingNode):
             if ":" in node.value and node.tag in SEXAGESIMAL:
                 return node.value  # YAML 1.1 reads 1:30 as 90; nobody who writes it today means that
-            return self._loader.construct_object(node)
+            return self._scalar(node)
         made: dict[str, object] = {}
         lines: dict[str, int] = {}
         for key, value in node.value:

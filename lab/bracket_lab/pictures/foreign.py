@@ -9,13 +9,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-import yaml
 from pydantic import ConfigDict, Field, ValidationError
 
 from bracket_cell.learned.records import MOST_PROBLEMS, Box, mistakes
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
+from bracket_ground.files.yaml_file import read_data
 
 LEGAL = "a COCO file (.json), a folder of YOLO (data.yaml or classes.txt), of Pascal VOC (.xml), or a CVAT file (.xml)"
 CLASSES = ("classes.txt", "obj.names")  # names by number, one a line, where YOLO has no data.yaml
@@ -149,10 +149,7 @@ def _yolo(folder: Path, names_file: Path) -> Iterator[ForeignPicture]:
     if names_file.name in CLASSES:
         names = dict(enumerate(line.strip() for line in text.splitlines() if line.strip()))
     else:
-        try:
-            told = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"{names_file}: is not YAML: {error}") from None
+        told = read_data(names_file, text)
         told = told.get("names") if isinstance(told, dict) else None
         pairs = told.items() if isinstance(told, dict) else enumerate(told) if isinstance(told, list) else ()
         names = {int(number): str(name) for number, name in pairs if str(number).isdecimal()}

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.replay.compare import Comparison, Difference, Turn
 from bracket_cell.log.replay.loading import Changes
@@ -19,6 +17,7 @@ from bracket_cell.log.replay.matching import NUMBER, partners
 from bracket_cell.log.replay.replay import Replay
 from bracket_cell.recording.schemas import plain
 from bracket_ground.errors import InputError, LogError
+from bracket_ground.files.yaml_file import read_data
 from btxml.engine.tree import Tree
 
 NOT_THERE = "not there"
@@ -191,7 +190,7 @@ def _attributes(tree: Tree, names: Mapping[str, str]) -> dict[str, tuple[str, di
 
 
 def _keys(content: bytes) -> dict[str, str]:
-    return dict(_flat(yaml.safe_load(content)))
+    return dict(_flat(read_data(Path("a configuration"), content.decode())))
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:

@@ -15,9 +15,10 @@ from bracket_cell.log.read.reader import Log, LogStream
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.node_library import node_registry, own_code, python_files
 from bracket_cell.trees.rules import RULES, Rules
-from bracket_ground.errors import LogError
+from bracket_ground.errors import InputError, LogError
+from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
-from bracket_ground.files.yaml_file import load_yaml
+from bracket_ground.files.yaml_file import load_yaml, read_data
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import ROLES
 from bracket_ground.interfaces.faults import OFF_PATH, OFF_PATH_LONG, SIGNALS, Fault, FaultTable
@@ -38,7 +39,7 @@ UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robo
 UR10 = "package://ur10/ur10.urdf"
 FOLDER, NODES = "tree/", "nodes/"
 PRODUCT = "product.yaml"
-WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, yaml.YAMLError)  # what wrong data raise
+WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError)  # what wrong data raise
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
@@ -50,8 +51,8 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
     """
     path = folder / CONFIGURATION
     try:
-        data = yaml.safe_load(path.read_text("utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError):
+        data = read_data(path, path.read_text("utf-8"))
+    except (InputError, UnicodeDecodeError):
         return  # who loads it says what is wrong
     if not isinstance(data, dict):
         return
@@ -67,7 +68,7 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
         (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
     if (folder / ROBOT).exists():
         data["robot"] = ROBOT
-        recorded = yaml.safe_load((folder / ROBOT).read_text("utf-8").replace(UR10_OF_OLD, UR10))
+        recorded = read_data(folder / ROBOT, read_text(folder / ROBOT).replace(UR10_OF_OLD, UR10))
         if (tool := recorded.pop("tool", None)) is not None:
             recorded["gripper"] = default_gripper().model_dump(mode="json") | tool
         (folder / ROBOT).write_text(yaml.safe_dump(recorded), "utf-8")
@@ -77,7 +78,7 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
 
 def recorded_table(text: str) -> FaultTable:
     """The table of faults of a log; signs that were unknown when it was written do nothing in it."""
-    rows = [dict(row) for row in yaml.safe_load(text)["faults"]]
+    rows = [dict(row) for row in read_data(Path("table of faults"), text)["faults"]]
     asks_s = {row["signal"]: row.pop("person_after_s", None) for row in rows}
     for row in rows:
         for key in set(row) - set(Fault.model_fields):
@@ -102,7 +103,7 @@ def _of_motion(motion: dict[str, Any]) -> Mapping[str, Any] | None:
             del section[key]
     if not limits and not tool:
         return None
-    usual = yaml.safe_load((ROBOTS / f"{DEFAULT}.yaml").read_text("utf-8"))
+    usual = read_data(file := ROBOTS / f"{DEFAULT}.yaml", read_text(file))
     return {**usual, **limits, "tool": tool}
 
 

@@ -18,8 +18,10 @@ from bracket_lab.commands.shared import Shared
 from bracket_lab.evaluations.drawn_faults import coverage, drawn_list, drawn_rows, missing, words_of
 from bracket_lab.evaluations.faults import Pairs, chosen, fast_list, fast_rows, fault_try, left, merged, totals
 from bracket_lab.evaluations.random_faults import counted, troubled_assembly
+from bracket_sim.faults.named_faults import FAULTS
 
 OF_ASSEMBLY = 3  # faults
+INTERRUPTED = "interrupted"
 
 
 @command_from(Shared, "seeds", "pixels", "out", "workers", "scheduler", "config", "as_json", seeds="1")
@@ -49,7 +51,7 @@ def faults(
     kept = RowStore(shared.out, ["fault", "state", "seed"], heading)
 
     def tell(row: Row) -> None:
-        kept.add(row)
+        kept.add(_ended(row))
         words = "as promised" if row["as_promised"] else "NOT AS PROMISED"
         screen.print(
             f"{row['fault']:<20} {row['state']:<16} {row['end']:<12} {words:<16} ticks {row['ticks_to_stop']}  "
@@ -67,6 +69,18 @@ def faults(
     if shared.as_json:
         print_json({"rows": table, "as_promised": good, **totals(rows)})
     return 0 if good else 1
+
+
+def _ended(row: Row) -> Row:
+    """A row that is kept.
+
+    Raises:
+        KeyboardInterrupt: a signal to this command ended the run, and no fault did; it is run again another time.
+    """
+    fault = FAULTS.get(str(row.get("fault")))
+    if row["end"] == INTERRUPTED and (fault is None or INTERRUPTED not in fault.ends):
+        raise KeyboardInterrupt
+    return row
 
 
 def _try(shared: Shared, pairs: Mapping[int, Pairs], tell: Callable[[Row], None]) -> None:
@@ -91,7 +105,7 @@ def _drawn(shared: Shared, faults: int) -> int:
     kept = RowStore(shared.out, ["number"], {"command": "faults", "drawn_from": first, "config": str(path)})
 
     def tell(row: Row) -> None:
-        kept.add(row)
+        kept.add(_ended(row))
         screen.print(words_of(row), highlight=False)
 
     left = [(path, trials, seed) for trials, seed in missing(faults, first, kept.keys)]
@@ -116,7 +130,7 @@ def _assemblies(shared: Shared, faults: int) -> int:
     wanted = ((path, seed, faults) for seed in seeds if seed not in kept)
     work = partial(troubled_assembly, rendered=shared.pixels)
     for row in mapped(work, wanted, shared.workers, shared.scheduler):
-        kept.add(row)
+        kept.add(_ended(row))
         words = "WRONG, AND NOT KNOWN" if row["unknown"] else "as promised" if row["as_promised"] else "NOT AS PROMISED"
         screen.print(f"seed {row['seed']}: {row['end']}, {words}; {row['faults']}; {row['reason']}", highlight=False)
     rows = [row for row in kept.rows if row["seed"] in seeds]

@@ -69,9 +69,7 @@ FAULTS: dict[str, FaultKind] = {
     "arm_nan": _stops("the arm's joints are not numbers", *(f"arm.positions_rad.{joint}:lost" for joint in range(6))),
     "arm_velocity_nan": _stops("one joint's speed is not a number", "arm.velocities_rad_s.3:lost"),
     "arm_five_joints": _stops("the arm reports five joints", "arm.positions_rad:cut"),
-    "arm_offset": FaultKind(
-        "the arm reports its base joint 0.03 rad off", EITHER, ("arm.positions_rad.0:offset:0.03",)
-    ),
+    "arm_offset": _stops("the arm reports its base joint 0.03 rad off", "arm.positions_rad.0:offset:0.03"),
     "arm_lost": _stops("reading the arm raises", "arm.answer:refused"),
     "arm_deaf": _stops(
         "reading and commanding the arm raise",
@@ -82,11 +80,9 @@ FAULTS: dict[str, FaultKind] = {
         "reading and commanding the arm raise for 2 s",
         *("arm.answer:refused", "arm.follow:refused", "arm.stop:refused", "arm.pace:refused"),
     ),
-    "arm_percent": FaultKind(
-        "the arm takes its share of speed for percent", (*EITHER, "failed"), ("arm.pace:scaled:0.01",)
-    ),
-    "arm_refuses": FaultKind("the arm refuses trajectories", EITHER, ("arm.follow:refused",)),
-    "arm_ignores": FaultKind("the arm ignores trajectories", EITHER, ("arm.follow:lost",)),
+    "arm_percent": FaultKind("the arm takes its share of speed for percent", ("failed",), ("arm.pace:scaled:0.01",)),
+    "arm_refuses": _stops("the arm refuses trajectories", "arm.follow:refused"),
+    "arm_ignores": _stops("the arm ignores trajectories", "arm.follow:lost"),
     "arm_protective_stop": FaultKind(
         "protective stop until it is acknowledged",
         RECOVERS,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,6 +14,7 @@ from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
 from bracket_cell.watching.work_state import OTHER_STATES, STATES
 from bracket_ground.errors import InputError
+from bracket_lab.commands import faults
 from bracket_lab.evaluations.faults import chosen, fast_rows, fault_try
 from bracket_sim.faults.injection import Injection, Injections
 from bracket_sim.faults.named_faults import FAULTS
@@ -44,7 +48,7 @@ def rows() -> dict[tuple[str, str], dict[str, Any]]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("fault", "state"), [(fault, state) for state, faults in SAMPLE.items() for fault in faults])
+@pytest.mark.parametrize(("fault", "state"), [(fault, state) for state, names in SAMPLE.items() for fault in names])
 def test_a_fault_ends_as_promised(rows: dict[tuple[str, str], dict[str, Any]], fault: str, state: str) -> None:
     row = rows[fault, state]
     assert row["as_promised"], row
@@ -109,9 +113,33 @@ def test_all_faults_in_all_states_are_asked_for_by_default() -> None:
     pairs = chosen(None, None)
     assert set(pairs) == {*STATES, *OTHER_STATES}
     assert all(
-        set(faults) == {name for name, kind in FAULTS.items() if not kind.states or state in kind.states}
-        for state, faults in pairs.items()
+        set(names) == {name for name, kind in FAULTS.items() if not kind.states or state in kind.states}
+        for state, names in pairs.items()
     )
+
+
+def test_a_fault_of_a_device_ends_in_one_way_alone() -> None:
+    """In a state: with a part between the fingers it may be another one."""
+    several = {name: kind.ends for name, kind in FAULTS.items() if len(kind.ends) > 1 and not kind.of_world}
+    assert several == {}
+
+
+def test_a_run_that_a_signal_ended_is_not_kept_and_is_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds: list[int] = []
+
+    def rows_of(_: Path, __: object, seed: int, tell: Callable[[dict[str, Any]], None]) -> None:
+        seeds.append(seed)
+        row = {"state": "above", "seed": seed, "reason": "", "ticks_to_stop": 1, "stop_s": 0.0, "stop_m": 0.0}
+        row |= {"as_promised": True, "end": "interrupted"}
+        tell({**row, "fault": "sighup"})  # this fault is a signal
+        tell({**row, "fault": "arm_lost"})
+
+    monkeypatch.setattr(faults, "fast_rows", rows_of)
+    out = tmp_path / "rows.jsonl"
+    words = ["--fault", "sighup", "--fault", "arm_lost", "--state", "above", "--seeds", "7:9", "--out", str(out)]
+    assert main(["lab", "eval", "faults", *words]) == 1
+    assert seeds == [7]
+    assert [json.loads(line).get("fault") for line in out.read_text().splitlines()] == [None, "sighup"]
 
 
 def test_several_faults_can_be_put_into_one_run() -> None:

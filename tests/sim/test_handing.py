@@ -97,3 +97,19 @@ def test_a_part_is_seen_held_out_wherever_along_its_height_it_is_gripped(
     assert held.body == body.name
     monkeypatch.setattr(sight, "held_out_m", lambda **_: tool_m + np.array([0.0, 0.0, 0.06]))
     assert sight.handed(part) is None
+
+
+@pytest.mark.parametrize("part", product().parts)
+def test_a_part_that_is_given_leaves_room_for_the_fingers_that_take_it(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fingers that close on a part close on the fingertips beside it, too, where these are too near."""
+    work, kind = shift_of(Person()).worker._work, product().parts[part]
+    at_m = work._hand.position_m - np.array(work._gripping.place(part)[0])
+    held = SeenPart("held", part, Pose.from_yaw((at_m[0], at_m[1], at_m[2]), 0.0), 0.0)
+    monkeypatch.setattr(work._sight, "part", lambda _: held)
+    tool_m = np.array([0.93, 0.20, 0.20])
+    target_m = work._between_fingers("held", tool_m)
+    tips_m = work._hand_for("held", target_m)[0][0] - tool_m[0] - TIP_AHEAD_M - TIP_RADIUS_M
+    assert tips_m >= PAD_WIDTH_M / 2
+    assert target_m[0] - kind.size_m[0] / 2 < tool_m[0] - 0.005

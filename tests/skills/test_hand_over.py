@@ -28,6 +28,7 @@ from tests.skills.test_skills import seen
 
 OUT = Pose.from_yaw((0.93, 0.20, 0.20), math.pi / 2) @ FINGERS_DOWN
 AT_PART, FAR = (0.96, 0.20), (1.12, 0.44)
+AT_PADS, BEHIND = (0.94, 0.20), (0.87, 0.16)  # between the pads, and an arm that reaches past them
 HELD = Judgement(Action.HOLD, 0.0, held_by=(HAND_TOO_NEAR,))
 
 
@@ -40,6 +41,7 @@ class Beside:
         force_n: along x at the tool; None where the arm tells none.
         lost: nobody knows where the hand is.
         moves_m: so far it moved the fingers, which then say that they grip nothing.
+        closing: the fingers are on their way.
     """
 
     at_m: tuple[float, float] | None = FAR
@@ -47,6 +49,7 @@ class Beside:
     lost: bool = False
     speed_m_s: float = 0.0
     moves_m: float = 0.0
+    closing: bool = False
     action: ActionKind = "idle"
     said: tuple[OperatorOrder, ...] = ()
 
@@ -68,10 +71,12 @@ class HandedRobot(IdealRobot):
             hand = HandSample(self.time_s, (9, 9, 99, 99), now.at_m, (x + 0.1, y), velocity_m_s=(now.speed_m_s, 0.0))
         bench = replace(bench, hand=hand, hand_unknown="lost" * now.lost, action=HandAction(now.action, 1.0))
         force = None if now.force_n is None else (now.force_n, 0.0, 0.0)
-        near, gripper = now.at_m == AT_PART, plain.gripper
+        near, gripper = now.at_m in (AT_PART, AT_PADS, BEHIND), plain.gripper
         if now.moves_m and gripper.holding:
             opening_m, status = gripper.opening_m + now.moves_m, ObjectStatus.AT_POSITION
             gripper = replace(gripper, opening_m=opening_m, object_status=status)
+        if now.closing:
+            gripper = replace(gripper, object_status=ObjectStatus.MOVING)
         return replace(
             plain,
             gripper=gripper,
@@ -236,9 +241,57 @@ def test_nothing_is_taken_from_nobody_or_what_is_no_such_part(
     planner: MotionPlanner, bench: Bench, does: Callable[[float], Beside], width_m: float
 ) -> None:
     robot = give(bench, width_m, does)
-    progress = robot.run(TakeFromHand(planner, "o2", OUT, wait_s=6.0))
-    assert (progress.status, progress.reason) == (SkillStatus.FAILURE, "nobody gave o2 in 6 s")
+    progress = robot.run(TakeFromHand(planner, "o2", OUT, wait_s=12.0))
+    assert (progress.status, progress.reason) == (SkillStatus.FAILURE, "nobody gave o2 in 12 s")
     assert opened(robot)
+
+
+def goals_beside(robot: HandedRobot) -> list[float]:
+    """What the fingers were told beside a hand, in order."""
+    return [command.gripper.opening_m for command in robot.sent if isinstance(command.gripper, HandCommand)]
+
+
+@pytest.mark.parametrize("at_m", [AT_PADS, BEHIND])
+def test_fingers_do_not_close_where_a_hand_is_seen_between_them(
+    planner: MotionPlanner, bench: Bench, at_m: tuple[float, float]
+) -> None:
+    robot = give(bench, 0.034, lambda time_s: Beside(at_m) if time_s > 8.0 else Beside())
+    said = words_of(robot, TakeFromHand(planner, "o2", OUT, wait_s=12.0))
+    assert goals_beside(robot) == []
+    assert "a hand is between the fingers: please put o2 there by one end" in said
+
+
+@pytest.mark.parametrize(
+    "then", [Beside(AT_PADS, closing=True), Beside(BEHIND, closing=True), Beside(AT_PART, lost=True, closing=True)]
+)
+def test_fingers_that_close_open_again_where_a_hand_comes_between_them(
+    planner: MotionPlanner, bench: Bench, then: Beside
+) -> None:
+    robot = give(bench, 0.034, lambda time_s: replace(comes(time_s), closing=time_s > 8.0) if time_s < 10.0 else then)
+    words_of(robot, TakeFromHand(planner, "o2", OUT, wait_s=12.0))
+    assert goals_beside(robot) == [0.0, planner.open_m]
+
+
+def test_fingers_that_closed_on_more_than_the_part_say_what_may_be_beside_it(
+    planner: MotionPlanner, bench: Bench
+) -> None:
+    robot = give(bench, 0.050, comes)
+    said = words_of(robot, TakeFromHand(planner, "o2", OUT, wait_s=12.0))
+    assert "this is no o2, or something is beside it: please put it between the fingers by one end" in said
+
+
+def words_of(robot: HandedRobot, skill: Skill) -> set[str]:
+    """What a skill says until it ends."""
+    said, polled = set[str](), skill.poll
+
+    def poll(observation: Observation, command: Command) -> Progress:
+        progress = polled(observation, command)
+        said.add(progress.reason)
+        return progress
+
+    skill.poll = poll  # type: ignore[method-assign]
+    robot.run(skill)
+    return said
 
 
 def fasten(robot: HandedRobot, planner: MotionPlanner, **told: object) -> tuple[Progress, float]:

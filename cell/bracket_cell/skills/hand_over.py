@@ -8,8 +8,9 @@ keep what they hold, whatever pushes the arm, and a hand that bumps into the par
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from bracket_cell.skills.pick_and_place import Place
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
+from bracket_ground.interfaces.grasping import PAD_WIDTH_M
 from bracket_ground.interfaces.grip import Grip, Hold
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import PartDetection
@@ -52,7 +54,15 @@ RESTS_S = 0.12  # for so long without a hand the force of the part alone is meas
 BETWEEN_M = 0.10  # and one so near may hold something between open fingers
 STEADY_S, STEADY_M_S = 0.6, 0.05  # a hand that gives a part holds it still for so long
 LEFT_S = 0.3  # for so long no hand is seen at the part before it counts as gone
+AT_PADS_M = PAD_WIDTH_M / 2  # a tool less far ahead of a hand's fingertips has the hand between its pads, or beside it
 LEAST_SPEED_M_S, LEAST_FORCE_N = 0.02, 20.0  # of the fingers beside a hand
+
+_Ask = Literal["give", "hand", "other"]
+WHY_OPEN: Mapping[SkillStatus, _Ask] = {
+    SkillStatus.RUNNING: "hand",
+    SkillStatus.SUCCESS: "other",
+    SkillStatus.FAILURE: "give",
+}  # of what became of closing fingers
 
 
 def hand_away_m(planner: MotionPlanner, observation: Observation) -> float:
@@ -60,17 +70,19 @@ def hand_away_m(planner: MotionPlanner, observation: Observation) -> float:
     return _hand_at(planner, observation)[0]
 
 
-def _hand_at(planner: MotionPlanner, observation: Observation) -> tuple[float, Array]:
-    """The same, and the way (2,) from the tool to the palm of that hand."""
+def _hand_at(planner: MotionPlanner, observation: Observation) -> tuple[float, Array, float]:
+    """The same, the way (2,) from the tool to the palm of that hand, and how far the tool is ahead of its fingers."""
     view = observation.bench
     if view is None or view.hand_unknown:
-        return math.nan, np.zeros(2)
+        return math.nan, np.zeros(2), math.nan
     tool_m = planner.kinematics.forward(joints_of(observation)).position_m[:2]
     away = [(min(math.dist(hand.fingertips_m, tool_m), math.dist(hand.palm_m, tool_m)), hand) for hand in view.hands]
     if not away:
-        return math.inf, np.zeros(2)
+        return math.inf, np.zeros(2), math.inf
     away_m, hand = min(away, key=lambda found: found[0])
-    return away_m, np.subtract(hand.palm_m, tool_m)
+    points = np.subtract(hand.fingertips_m, hand.palm_m)
+    ahead_m = float(np.subtract(tool_m, hand.fingertips_m) @ points) / max(float(np.linalg.norm(points)), 1e-9)
+    return away_m, np.subtract(hand.palm_m, tool_m), ahead_m
 
 
 @dataclass(eq=False)
@@ -169,7 +181,7 @@ class Offer:
 
     def pulled(self, observation: Observation) -> bool:
         """Whether a hand that is seen at the part has pulled at it for long enough; asked in every tick."""
-        now_s, (away_m, way) = observation.time_s, _hand_at(self.planner, observation)
+        now_s, (away_m, way, _) = observation.time_s, _hand_at(self.planner, observation)
         felt = self._pull.feel(observation, away_m) and self._pull.force_n <= self.limit_n
         if not (felt and away_m < AT_PART_M and self._pull.towards_n(way) >= self.pull_n):
             self._pulled_since_s = None
@@ -310,6 +322,8 @@ class HandOver(_HeldOut):
 class CloseOnGiven:
     """A phase: close the fingers gently once a hand holds something still between them, until it is the part.
 
+    They open again, and say so, where they closed on another width, and where a hand comes between or is lost.
+
     Attributes:
         name: type of the part.
         wait_s: how long somebody may take to bring it.
@@ -321,43 +335,58 @@ class CloseOnGiven:
     _begun_s: float | None = field(default=None, init=False)
     _steady_since_s: float | None = field(default=None, init=False)
     _fingers: SetGripper | None = field(default=None, init=False)
-    _opens: bool = field(default=False, init=False)
+    _why: _Ask = field(default="give", init=False)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
-        """Look, close, and open again around what it is not."""
+        """Look, close, and open again around what it is not, and from a hand that comes between."""
         now_s = observation.time_s
         self._begun_s = now_s if self._begun_s is None else self._begun_s
+        if self._fingers is None and self._steady(observation):
+            self._send(0.0)
         if self._fingers is None:
-            if self._steady(observation):
-                self._send(0.0, opens=False)
-            elif now_s - self._begun_s > self.wait_s:
+            if now_s - self._begun_s > self.wait_s:
                 return failed(Message("nobody gave {name} in {wait_s} s", name=self.name, wait_s=f"{self.wait_s:.0f}"))
-        if self._fingers is None:
-            return Progress(SkillStatus.RUNNING, Message("please put {name} between the fingers", name=self.name))
-        progress = self._fingers.poll(observation, command)
-        if progress.status is SkillStatus.RUNNING:
-            return progress
-        if self._opens:
+            return self._asks("hand" if self._between(observation) else self._why)
+        progress, opens = self._fingers.poll(observation, command), not self._fingers.must_hold
+        if progress.status is SkillStatus.RUNNING and (opens or not self._between(observation)):
+            return self._asks(self._why) if opens else progress
+        if opens:
             self._fingers = self._steady_since_s = None
         elif progress.status is SkillStatus.SUCCESS and self._fits(observation):
             return progress
         else:
-            self._send(self.planner.open_m, opens=True)
-        return Progress(SkillStatus.RUNNING, Message("this is no {name}", name=self.name))
+            self._why = WHY_OPEN[progress.status]
+            self._send(self.planner.open_m)
+        return self._asks(self._why)
 
-    def _send(self, opening_m: float, *, opens: bool) -> None:
-        self._opens = opens
-        goal = HandCommand(opening_m, LEAST_SPEED_M_S, LEAST_FORCE_N)
-        doing = "opening the fingers" if opens else Message("taking {name}", name=self.name)
-        self._fingers = SetGripper(doing, goal, self.planner.settings, must_hold=not opens)
+    def _asks(self, what: _Ask) -> Progress:
+        words = {
+            "give": Message("please put {name} between the fingers", name=self.name),
+            "hand": Message("a hand is between the fingers: please put {name} there by one end", name=self.name),
+            "other": Message(
+                "this is no {name}, or something is beside it: please put it between the fingers by one end",
+                name=self.name,
+            ),
+        }
+        return Progress(SkillStatus.RUNNING, words[what])
+
+    def _send(self, opening_m: float) -> None:
+        goal, closes = HandCommand(opening_m, LEAST_SPEED_M_S, LEAST_FORCE_N), not opening_m
+        doing = Message("taking {name}", name=self.name) if closes else "opening the fingers"
+        self._fingers = SetGripper(doing, goal, self.planner.settings, must_hold=closes)
 
     def _fits(self, observation: Observation) -> bool:
         return fits(self.planner.product.parts[self.name], observation.gripper.opening_m, self.planner.settings)
 
+    def _between(self, observation: Observation) -> bool:
+        """Whether a hand at the tool does not end before the pads, or nobody knows."""
+        away_m, _, ahead_m = _hand_at(self.planner, observation)
+        return not away_m >= BETWEEN_M and not ahead_m >= AT_PADS_M
+
     def _steady(self, observation: Observation) -> bool:
         """Whether a hand has held something still at the tool for a while."""
         now_s, view = observation.time_s, observation.bench
-        near = hand_away_m(self.planner, observation) < BETWEEN_M and view is not None
+        near = hand_away_m(self.planner, observation) < BETWEEN_M and not self._between(observation)
         speeds = [hand.speed_m_s for hand in view.hands] if near and view is not None else []
         if not speeds or not all(speed is not None and speed < STEADY_M_S for speed in speeds):
             self._steady_since_s = None

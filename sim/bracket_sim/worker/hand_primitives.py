@@ -26,6 +26,7 @@ HOVER_M = 0.03  # of the fingertips over a part before they close around it
 RELAXED_GAP_M = 0.025
 BEFORE_PART_M = 0.06  # in front of a part that is held out
 BESIDE_FINGERS_M = 0.0275  # of the fingertips from the tool: half its fingers' width, and what is ahead of the pinch
+GIVEN_M = 0.008  # of a part that is given ends so far beyond the tool, for the robot's fingers to hold
 ROOM_M = 0.03  # of fingertips that work beside the robot's fingers, and do not touch them
 DRAWN_BACK_M = (0.16, 0.10, 0.0)  # from an arm that gave a part
 TIP_AHEAD_M = 0.006  # so far ahead of the pinch fingertips are as thick as at it, and hold an edge beside other fingers
@@ -166,11 +167,14 @@ class HandPrimitives:
             self.yaw_rad, self.gap_m = yaw_from + done * yaw_by, gap_from + done * gap_by
             yield
 
-    def grasp(self, seen: SeenPart) -> Script:
-        """Reach over a standing part, close the fingers around its end and lift it."""
+    def grasp(self, seen: SeenPart, *, at_end: bool = False) -> Script:
+        """Reach over a standing part, close the fingers around its end, for another's fingers the very end; lift it."""
         self._gripping.another()
         yaw_rad = fold_yaw(seen.pose.yaw_rad)
         grip_m, across_m, top_m = self._gripping.around(seen, yaw_rad)
+        if at_end:
+            end_m = self._product.parts[seen.part].size_m[0] / 2 - self._gripping.place(seen.part)[0][0]
+            grip_m += turn(yaw_rad, np.array([max(end_m - TIP_M, 0.0), 0.0, 0.0]))
         over_m = np.array([grip_m[0], grip_m[1], top_m + HOVER_M])
         style = self._gripping.style
         wrist_rad = (style.tilt_rad, style.roll_rad, style.curl_rad)
@@ -264,8 +268,7 @@ class HandPrimitives:
         Args:
             tool_m: (3,) between the fingers.
         """
-        kind = self._product.parts[self._sight.part(body).part]
-        target_m = tool_m - np.array([0.0, 0.0, kind.size_m[2] / 2])
+        target_m = self._between_fingers(body, tool_m)
         before_m = target_m + np.array([2 * BEFORE_PART_M, 0.0, 0.0])
         yield from self.reach(*self._hand_for(body, before_m), arch_m=ARCH_M / 2)
         yield from self.wait(LOOK_S)
@@ -278,6 +281,14 @@ class HandPrimitives:
             yield from self.let_go(self._sight.part(body).part)
         yield from self.reach(self.position_m + np.array([2 * BEFORE_PART_M, 0.0, 0.0]), haste=STEADY)
         return given
+
+    def _between_fingers(self, body: str, tool_m: Array) -> Array:
+        """Where a held part's bottom goes (3,), for open fingers to close on it beside the own ones."""
+        length_m, _, height_m = self._product.parts[self._sight.part(body).part].size_m
+        target_m: Array = tool_m - np.array([0.0, 0.0, height_m / 2])
+        ahead_m = float((self._hand_for(body, target_m)[0] - tool_m)[0])
+        target_m[0] += np.clip(BESIDE_FINGERS_M - ahead_m, 0.0, max(length_m / 2 - GIVEN_M, 0.0))
+        return target_m
 
     def pinches(self, body: str) -> bool:
         """Whether the fingers are closed around a part."""

@@ -178,8 +178,8 @@ class Placing:
         self._events.note("give", part=part)
         self._events.begin("transit")
         home_m = np.array(seen.pose.position_m)
-        yield from self._work.grasp(seen)
-        given = False
+        yield from self._work.grasp(seen, at_end=True)
+        given, self._answers[seen.body] = False, (False, False)  # nobody takes back what they give
         if self._work.holds(seen.body):
             with self._work.at_arm():
                 given = yield from self._work.give(

@@ -51,7 +51,8 @@ class HandOver(SkillNode):
 class TakeFromHand(SkillNode):
     """Hold the open fingers out, and close them gently on the part that a hand puts between them.
 
-    They open again around what is not as wide as the part. Fails where nobody gives it in time.
+    They open again around what is not as wide as the part, and where a hand is seen between them. Fails where nobody
+    gives it in time.
     """
 
     traits = replace(SkillNode.traits, gives=(HELD,))

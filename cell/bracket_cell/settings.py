@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import (
     Field,
@@ -280,7 +280,6 @@ class LogSettings(Model):
         folder: where logs are written without `--log`, relative to the working folder.
         camera_frames: write camera frames as JPEG.
         jpeg_quality: quality of those frames.
-        buffer_mb: what may wait for a slow or full disk; images are dropped from half of it on, ticks beyond it.
         joint_samples: write the joints at the rate of the arm's own control.
         rotate_mb: begin a new part of the log at this size; one file by default.
         rotate_s: begin a new part of the log after this time; one file by default.
@@ -291,10 +290,12 @@ class LogSettings(Model):
         site, bench: names of this place and of this bench, for tables of runs of many.
     """
 
+    buffer_mb: ClassVar[float] = (
+        16.0  # that wait for a slow disk: beyond it ticks are dropped, images from half of it on
+    )
     folder: Path = Path("runs")
     camera_frames: bool = True
     jpeg_quality: int = Field(default=80, ge=1, le=100)
-    buffer_mb: float = Field(default=16.0, gt=0, le=1024)
     joint_samples: bool = True
     rotate_mb: float | None = Field(default=None, ge=0.001, le=1e6)
     rotate_s: float | None = Field(default=None, ge=0.1, le=86_400)

@@ -276,6 +276,14 @@ def test_names_of_installed_drivers_are_entry_points(home: Path, monkeypatch: py
         ("simulation: sim.yaml #", "simulation: {shift: true} #", "the simulator's settings are a file of their own"),
         ("guard:", "motion: {tcp_from_tool0_m: 0.2}\nguard:", "key 'tcp_from_tool0_m' has moved; the gripper's file"),
         (
+            "guard:",
+            "motion: {contact_lag_m: 0.003}\nguard:",
+            "key 'contact_lag_m' is no longer set by files",
+        ),
+        ("guard:", "motion: {separation: {hand_height_m: 0.4}}\nguard:", "'hand_height_m' is no longer set by files"),
+        ("  kind: learned", "  classical: {still_m: 0.01}\n  kind: learned", "it is 0.006 in every cell"),
+        ("log:", "log:\n  buffer_mb: 8", "key 'buffer_mb' is no longer set by files"),
+        (
             "  overhead: {kind: simulated}",
             "  overhead: {kind: simulated, fps: 3}",
             "unknown key 'fps'; legal here: kind",

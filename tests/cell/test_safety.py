@@ -18,7 +18,7 @@ from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from bracket_cell.running import fault_checks
 from bracket_cell.runs.signing import required_signature, sign, signature_file, signature_of
 from bracket_cell.wiring import limits
-from bracket_cell.wiring.safety import hash_of, safety_from, safety_of
+from bracket_cell.wiring.safety import hash_of, other_limits, safety_from, safety_of
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.faults import SIGNALS
 
@@ -134,7 +134,10 @@ def test_every_record_of_limits_is_in_it_with_the_meaning_of_each_number() -> No
     rooms = ("running", "skills/motion", "learned/classical")
     files = [file for room in rooms for file in (Path(bracket_cell.__file__).parent / room).glob("*.py")]
     written = {name for file in files for name in re.findall(r"^class (\w+Limits)\b", file.read_text(), re.MULTILINE)}
-    assert written - {"StopLimits"} == {type(record).__name__ for record in limits.RECORDS.values()}
+    assert written - {"StopLimits"} == {
+        *(type(record).__name__ for record in limits.RECORDS.values()),
+        *(kind.__name__ for kind in limits.FIXED.values()),
+    }
     for limit in limits.described():
         assert limit.meaning, limit.key
         assert limit.origin, limit.key
@@ -142,7 +145,19 @@ def test_every_record_of_limits_is_in_it_with_the_meaning_of_each_number() -> No
 
 def test_doctor_prints_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "--limits"]) == 0
-    assert re.search(r"fault_checks\.off_path_rad +0\.025 +\[rad\]", capsys.readouterr().out)
+    printed = capsys.readouterr().out
+    assert re.search(r"fault_checks\.off_path_rad +0\.025 +\[rad\]", printed)
+    assert re.search(r"motion\.separation\.hand_height_m +0\.3 +\[m\]", printed)
+
+
+def test_what_no_file_sets_any_more_is_signed_and_told_where_a_log_has_it_otherwise() -> None:
+    values = {"motion.contact_lag_m": 0.003, "motion.separation.hand_height_m": 0.3, "classical.still_m": 0.01}
+    assert safety_from(DEFAULT_CONFIGURATION).values.items() >= {"motion.contact_lag_m": 0.002}.items()
+    now = {f"limits.{name}.{key}": value for name, record in limits.values().items() for key, value in record.items()}
+    assert other_limits(json.dumps(values | now)) == [
+        "classical.still_m: was 0.01, now 0.006",
+        "motion.contact_lag_m: was 0.003, now 0.002",
+    ]
 
 
 def test_a_run_on_real_devices_is_refused_until_somebody_signs_exactly_this(

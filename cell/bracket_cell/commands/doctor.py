@@ -116,7 +116,7 @@ def _print_limits(as_json: bool) -> int:
     if as_json:
         print_json({limit.key: vars(limit) for limit in described()})
         return 0
-    for origin, group in groupby(described(), lambda limit: (limit.key.partition(".")[0], limit.origin)):
+    for origin, group in groupby(described(), lambda limit: (limit.key.rpartition(".")[0], limit.origin)):
         sys.stdout.write(f"\n{origin[0]}: {origin[1]}\n")
         sys.stdout.writelines(f"  {limit.key:34} {limit.value!s:20} {limit.meaning}\n" for limit in group)
     return 0

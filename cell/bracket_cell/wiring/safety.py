@@ -11,12 +11,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, located
 from bracket_cell.skills.motion.collision import standing_m
 from bracket_cell.skills.motion.contact import clamps
-from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.wiring import limits
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_ground.interfaces.faults import FaultTable
@@ -74,16 +71,16 @@ def safety_of(configuration: Configuration, product: Product, table: FaultTable)
         "faults": {row.signal: row.model_dump(exclude={"signal"}) for row in table.faults},
         "unsafe_table": configuration.unsafe_table,
         "controller": configuration.controller.model_dump(exclude={"max_duration_s"}),
-        "motion": {**_fixed(MotionSettings), **motion.model_dump(), "speed_share": motion.configured_share},
+        "motion": {**limits.fixed("motion"), **motion.model_dump(), "speed_share": motion.configured_share},
         "clamps": clamps(standing_m(product, bench), robot, motion.separation.clamp_n),
         "robot": {**robot.model_dump(exclude={"urdf"}), "urdf": _geometry(robot)},
         "bench": bench.model_dump(exclude=set(NOT_ABOUT_PEOPLE)),
         "hands": {"kind": perception.chosen("hands").kind, **perception.files("hands")},
-        "classical": perception.classical.model_dump(),
+        "classical": limits.fixed("classical") | perception.classical.model_dump(),
         "limits": limits.values(),
         "devices": {role: getattr(devices, role).model_dump() for role in DEVICES},
     }
-    parts["motion"]["separation"] |= _fixed(SeparationSettings)
+    parts["motion"]["separation"] |= limits.fixed("motion.separation")
     return SafetyConfiguration(dict(_flat("", parts)))
 
 
@@ -108,14 +105,12 @@ def other_limits(recorded: str) -> list[str]:
     values = json.loads(recorded)
     if not isinstance(values, dict):
         raise ValueError("it is no JSON object")
-    was = {key: value for key, value in values.items() if key.startswith("limits.")}
-    now = SafetyConfiguration(dict(_flat("limits", limits.values())))
-    return [line.replace(": signed ", ": was ", 1) for line in now.changes(was)]
-
-
-def _fixed(model: type[BaseModel]) -> dict[str, float]:
-    """Numbers of a model that no file may set."""
-    return {name: value for name in model.__class_vars__ if isinstance(value := getattr(model, name), int | float)}
+    fixed = {f"{name}.{key}": value for name in limits.FIXED for key, value in limits.fixed(name).items()}
+    now = {
+        key: value for key, value in _flat("", {"limits": limits.values(), **fixed}) if key not in fixed.keys() - values
+    }
+    was = {key: value for key, value in values.items() if key.startswith("limits.") or key in fixed}
+    return [line.replace(": signed ", ": was ", 1) for line in SafetyConfiguration(now).changes(was)]
 
 
 def _geometry(robot: RobotModel) -> str:

@@ -290,6 +290,9 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
         for owner in _models(model, location[:-1]):
             if name in getattr(owner, "moved", {}):
                 return [Problem(place, f"key {name!r} has moved", owner.moved[name])]
+            if name != "moved" and name in getattr(owner, "__class_vars__", ()):
+                what = f"leave it out: it is {getattr(owner, name)} in every cell"
+                return [Problem(place, f"key {name!r} is no longer set by files", what)]
         return [Problem(place, f"unknown key {name!r}", suggestion(name, _legal_keys(model, location[:-1])))]
     if details["type"] == "missing":
         return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]

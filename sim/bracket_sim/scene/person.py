@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -124,9 +125,7 @@ class Lapses(Model):
 
     Attributes:
         holds: the hand stays with the part before it goes to the bracket.
-        hold_s: how long, least and most.
         hesitates: it stays over another hole first.
-        hesitate_s: how long, least and most.
         regrips: the part is set down again after the grasp and gripped anew.
         wrong_part: a part of another type is fetched and placed; it is noticed afterwards, and taken away.
         overlooks: a part of another type that was placed is not noticed until somebody tells.
@@ -135,10 +134,10 @@ class Lapses(Model):
             it is not noticed until somebody tells.
     """
 
+    hold_s: ClassVar[Span] = (0.5, 4.0)  # that it stays with the part
+    hesitate_s: ClassVar[Span] = (0.3, 1.2)  # that it stays over another hole
     holds: Share = 0.0
-    hold_s: Span = (0.5, 4.0)
     hesitates: Share = 0.0
-    hesitate_s: Span = (0.3, 1.2)
     regrips: Share = 0.0
     wrong_part: Share = 0.0
     overlooks: Share = 0.0
@@ -151,29 +150,25 @@ class BesideRobot(Model):
 
     Attributes:
         waits: share of the occasions on which the person waits for the arm.
-        begins_s: how long the person waits after screwing for the robot to begin.
         goes_on: when a person who waits goes on: once the arm stands parked, or as soon as it leaves the bracket.
-        stands_s: how long the person watches an arm that stands still away from its parking place.
         intrusions_per_min: how often the hand goes into the way of an arm that moves.
         intrusion_m_s: top speed of such a reach, least and most.
         chases: share of intrusions that follow the arm wherever it goes; the rest go to where it is expected.
         freezes: share of intrusions after which the hand stays there.
         pulls: share of intrusions that pull at what the robot holds; after the rest the hand withdraws at once.
-        freeze_s: how long it stays, least and most.
-        pull_m: how far it pulls, least and most.
     """
 
+    begins_s: ClassVar[float] = 2.5  # how long the person waits after screwing for the robot to begin
+    stands_s: ClassVar[float] = 8.0  # how long the person watches an arm that stands still away from its parking place
+    freeze_s: ClassVar[Span] = (0.5, 4.0)  # how long it stays, least and most
+    pull_m: ClassVar[Span] = (0.1, 0.25)  # how far it pulls, least and most
     waits: Share = 1.0
-    begins_s: float = Field(default=2.5, ge=0, le=60)
     goes_on: GoesOn = "parked"
-    stands_s: float = Field(default=8.0, ge=0, le=600)
     intrusions_per_min: float = Field(default=0.0, ge=0, le=60)
     intrusion_m_s: Span = (0.8, 1.6)
     chases: Share = 0.5
     freezes: Share = 0.4
     pulls: Share = 0.2
-    freeze_s: Span = (0.5, 4.0)
-    pull_m: Span = (0.1, 0.25)
 
 
 class HandOvers(Model):
@@ -185,23 +180,19 @@ class HandOvers(Model):
         pulls: share of them that the person pulls at; at the rest the fingers close on the part and go again.
         waits_s: from closing the fingers on the part to the pull, least and most.
         pull_n: how hard the pull becomes, least and most.
-        pull_s: how long it takes to become so hard, least and most.
-        holds_on_s: how long the person pulls in vain.
-        stands_back_s: how long the hand that has the part waits beside the arm for it to go, at most.
         gives: share of the times that open fingers are held out in which the person puts a part between them.
-        fastens: share of the parts that the robot holds in their holes which the person fastens there.
     """
 
+    pull_s: ClassVar[Span] = (0.2, 0.6)  # how long it takes to become so hard, least and most
+    holds_on_s: ClassVar[float] = 3.0  # how long the person pulls in vain
+    stands_back_s: ClassVar[float] = 8.0  # that the hand with the part waits beside the arm for it to go
+    moved: ClassVar[Mapping[str, str]] = {"fastens": "leave it out: what the robot holds in its hole is fastened"}
     takes: Share = 1.0
     early: Share = 0.0
     pulls: Share = 1.0
     waits_s: Span = (0.4, 0.7)
     pull_n: Span = (12.0, 25.0)
-    pull_s: Span = (0.2, 0.6)
-    holds_on_s: float = Field(default=3.0, ge=0, le=60)
-    stands_back_s: float = Field(default=8.0, ge=0, le=60)
     gives: Share = 1.0
-    fastens: Share = 1.0
 
 
 class Leaving(Model):
@@ -241,23 +232,20 @@ class ShiftHabits(Model):
         places_asked: share of calls for help at which the person places the part; at the others it is set into the tray
             so that the robot can take it.
         pause_s: from the end of one bracket to taking it out, least and most.
-        exchange_s: how long finished bracket out and empty one in take, least and most.
         fills_at_once: share of the times in which bins and tray, each by itself, are filled with the exchange; else
             when something lacks.
-        fill_s: how long that takes, least and most.
         points: share of the questions where a part goes that are answered by pointing at the hole.
-        gives_up_s: after so long the bracket is changed although nothing asks for it.
         new_goals: share of the brackets of a shift that have an arrangement which the product does not list.
     """
 
+    exchange_s: ClassVar[Span] = (2.0, 5.0)  # how long finished bracket out and empty one in take, least and most
+    fill_s: ClassVar[Span] = (1.5, 4.0)  # that filling takes
+    gives_up_s: ClassVar[float] = 30.0  # after so long the bracket is changed although nothing asks for it
     answers_s: float = Field(default=10.0, ge=0, le=600)
     places_asked: Share = 0.5
     pause_s: Span = (0.5, 4.0)
-    exchange_s: Span = (2.0, 5.0)
     fills_at_once: Share = 0.8
-    fill_s: Span = (1.5, 4.0)
     points: Share = 0.0
-    gives_up_s: float = Field(default=30.0, ge=1, le=600)
     new_goals: Share = 0.1
 
 

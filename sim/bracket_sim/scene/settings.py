@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -56,14 +56,13 @@ class PhysicsSettings(Model):
         step_s: one physics step; a held part drifts by half a step of the arm's turning for each metre travelled.
         control_period_s: the arm's and the gripper's own cycle, a whole number of steps.
         sample_period_s: how often the arm measures its joints, a whole number of steps and a part of its cycle.
-        settle_s: how long parts come to rest before the run begins.
         sleep: what has come to rest is left out until it is touched; most of the physics is saved.
     """
 
+    settle_s: ClassVar[float] = 0.3  # how long parts come to rest before the run begins
     step_s: float = Field(default=0.001, ge=0.0001, le=0.005)
     control_period_s: float = Field(default=0.008, ge=0.001, le=0.05)
     sample_period_s: float = Field(default=0.002, ge=0.0001, le=0.05)
-    settle_s: float = Field(default=0.3, ge=0, le=10)
     sleep: bool = True
 
     @model_validator(mode="after")
@@ -92,16 +91,15 @@ class ClutterSettings(Model):
         neighbour_share: probability that a part stands right beside another one.
         nearest_gap_m: least gap between the bodies of such neighbours.
         farthest_gap_m: largest gap between the bodies of such neighbours.
-        rim_margin_m: least distance of a body from the tray's rim.
         lying_share: probability that a part lies on one of its other sides.
         stacked_share: probability that a part, the first one aside, is set down on one or two others and stays there.
         foreign_objects: how many objects of no type lie among the parts.
     """
 
+    rim_margin_m: ClassVar[float] = 0.022  # least distance of a body from the tray's rim
     neighbour_share: float = Field(default=0.6, ge=0, le=1)
     nearest_gap_m: float = Field(default=0.004, gt=0, le=0.1)
     farthest_gap_m: float = Field(default=0.030, gt=0, le=0.2)
-    rim_margin_m: float = Field(default=0.022, ge=0, le=0.2)
     lying_share: float = Field(default=0.0, ge=0, le=1)
     stacked_share: float = Field(default=0.0, ge=0, le=1)
     foreign_objects: int = Field(default=0, ge=0, le=5)

@@ -260,7 +260,7 @@ class Worker:
         words, habits = self._message.translate(PUNCTUATION).split(), self._person.handing
         if self._message == self._wished:
             return None
-        if (held := self._sight.held_in_hole()) is not None and "fasten" in words and habits.fastens:
+        if (held := self._sight.held_in_hole()) is not None and "fasten" in words:
             return held
         if not ({"put", "between"} <= set(words) and habits.gives and self._sight.open_fingers_m is not None):
             return None
@@ -270,12 +270,11 @@ class Worker:
         """Put a part between the robot's open fingers, or fasten one that it holds."""
         if (wish := self._wants_hand) is None:
             return
-        self._wished, habits = self._message, self._person.handing
+        self._wished = self._message
         if wish in self._product.positions:
-            if happens(habits.fastens, self._chance):
-                with self._work.at_arm():
-                    yield from self._screwing.screw(wish, held=True)
-        elif happens(habits.gives, self._chance):
+            with self._work.at_arm():
+                yield from self._screwing.screw(wish, held=True)
+        elif happens(self._person.handing.gives, self._chance):
             yield from self._job.placing.give(wish)
         yield from self._go_to_rest()
 

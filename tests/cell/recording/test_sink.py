@@ -57,7 +57,7 @@ def recorded(path: Path, disk: Disk, error: int, back: bool, buffer_mb: float) -
     def alarm(_: float, level: Level, text: str) -> None:
         alarms.append(f"{level}: {text}")
 
-    recorder = McapRecorder(path, LogSettings(buffer_mb=buffer_mb), Heading(), alarm=alarm)
+    recorder = McapRecorder(path, LogSettings().model_copy(update={"buffer_mb": buffer_mb}), Heading(), alarm=alarm)
     for number in range(40):
         if number in (10, 30):
             disk.error = None if number == 30 and back else error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -18,13 +18,11 @@ class NewGoals(Model):
     Attributes:
         none_probability: that a bracket is none of the product's goals, before any was finished: from then on the
             share is learned. The more probable, the later the robot acts.
-        listed_brackets: finished brackets that the product's own list counts for, all its goals together.
-        discount: how much each learned goal adds to the expectation of further ones; 0 to 1.
     """
 
+    listed_brackets: ClassVar[float] = 4.0  # finished brackets that the product's own list counts for
+    discount: ClassVar[float] = 0.5  # that each learned goal adds to the expectation of further ones
     none_probability: float = Field(default=0.02, gt=0, lt=1)
-    listed_brackets: float = Field(default=4.0, gt=0)
-    discount: float = Field(default=0.5, ge=0, lt=1)
 
 
 class FactoredSettings(Model):

@@ -11,7 +11,11 @@ from typing import Any, TypeVar
 import yaml
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.learned.classical.settings import PerceptionSettings
+from bracket_cell.learned.semantic.settings import NewGoals
 from bracket_cell.log.read.reader import Log, LogStream
+from bracket_cell.settings import LogSettings
+from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.node_library import node_registry, own_code, python_files
 from bracket_cell.trees.rules import RULES, Rules
@@ -63,6 +67,9 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
     for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
         if (settings := data.pop(key, None)) is not None:
             devices[role] = {"kind": "can", **settings}
+    for section, model in _with_fixed(data, devices):
+        for key in section.keys() & model.__class_vars__:
+            del section[key]
     robot = _of_motion(data.get("motion") or {})
     if robot is not None:
         (folder / ROBOT).write_text(yaml.safe_dump(robot), "utf-8")
@@ -74,6 +81,15 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
         (folder / ROBOT).write_text(yaml.safe_dump(recorded), "utf-8")
         data.pop("gripper", None)
     path.write_text(yaml.safe_dump({**data, "devices": devices}), "utf-8")
+
+
+def _with_fixed(data: dict[str, Any], devices: dict[str, Any]) -> Iterator[tuple[dict[str, Any], type[Model]]]:
+    """Sections that held keys in older logs which no file sets any more; a replay says whose values are others now."""
+    yield (data.get("perception") or {}).get("classical") or {}, PerceptionSettings
+    yield ((data.get("planners") or {}).get("semantic") or {}).get("new_goals") or {}, NewGoals
+    yield data.get("log") or {}, LogSettings
+    if (gripper := devices.get("gripper") or {}).get("kind") == "can":
+        yield gripper, CanSettings
 
 
 def recorded_table(text: str) -> FaultTable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, Tag
 
@@ -89,16 +89,15 @@ class CanSettings(Model):
         channel: the interface's name, can0 for example.
         bitrate: of the bus.
         heartbeat_period_s: how often the node sends its heartbeat; silence for 1.5 periods is a fault.
-        start_up_s: how long the node may take until its first frame.
         database: DBC file with the gripper's frames, relative to this file; the shipped one by default.
     """
 
+    start_up_s: ClassVar[float] = 1.0  # how long the node may take until its first frame
     kind: Literal["can"] = "can"
     interface: str = Field(default="virtual", pattern=r"^[\w.-]{1,64}$")
     channel: str = Field(default="gripper", max_length=128, pattern=r"^[!-~]+( [!-~]+)*$")
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
     heartbeat_period_s: float = Field(default=0.1, ge=0.01, le=2)
-    start_up_s: float = Field(default=1.0, gt=0, le=60)
     database: Path | None = None
 
 

@@ -15,17 +15,44 @@ from bracket_ground.interfaces.robot import RobotModel, default_robot
 Measured = Annotated[float, Field(ge=0, le=10)]
 Braking = Annotated[float, Field(gt=0, le=1000)]
 LEAST_BRAKING = 0.5  # share of the joints' acceleration with which they brake at least
-Shift = Annotated[float, Field(ge=-0.05, le=0.05)]
 
 
 LEAST_TICK_S = 0.04  # a faster loop is judged as one of 25 Hz: what else takes time does not get faster
 AT_LEAST = (  # as shipped, or it is unsafe
-    *("hand_speed_m_s", "reaction_s", "hand_height_m", "hand_error_m", "intrusion_m", "hysteresis_m"),
+    *("hand_speed_m_s", "reaction_s", "hand_error_m", "intrusion_m", "hysteresis_m"),
 )
 AT_MOST = ("slow_m_s", "leaving_m_s")
 
 
-class SeparationSettings(Model):
+class SeparationLimits:
+    """What separation reckons with in every cell. Origin: ISO 13855 and ISO 10218-1; braking and trailing as measured.
+
+    Attributes:
+        hand_acceleration_m_s2: [m/s2] with which a slow hand becomes fast.
+        speed_error_m_s: [m/s] by which a hand's measured speed may be off.
+        braking_m_s2: [m/s2] with which the arm's fastest point slows down from the slow speed, as measured.
+        hand_radius_m: [m] half the width of hand and forearm.
+        forearm_m: [m] length of a forearm that is not seen, behind the palm.
+        blind_share: largest share of speed if the tool works outside the view.
+        arm_cycle_s: [s] of a CB3 controller; an e-series has 0.002 s.
+        trailing_s: [s] by which joints trail their set points at least (docs/simulation.md).
+        hand_height_m: [m] over the bench that hand and forearm may be, where a tracker does not tell.
+        assumed_height_m: [m] for which a tracker that does not tell heights works out positions.
+    """
+
+    hand_acceleration_m_s2: ClassVar[float] = 12.0
+    speed_error_m_s: ClassVar[float] = 0.1
+    braking_m_s2: ClassVar[float] = 1.6
+    hand_radius_m: ClassVar[float] = 0.06
+    forearm_m: ClassVar[float] = 0.35
+    blind_share: ClassVar[float] = 0.3
+    arm_cycle_s: ClassVar[float] = 0.008
+    trailing_s: ClassVar[float] = 0.030
+    hand_height_m: ClassVar[float] = 0.30
+    assumed_height_m: ClassVar[float] = 0.10
+
+
+class SeparationSettings(SeparationLimits, Model):
     """Distance and speed of the arm beside a person; not safety-rated: `cell docs safety` has what is left out.
 
     Attributes:
@@ -37,8 +64,6 @@ class SeparationSettings(Model):
         leaving_m_s: speed at which an arm that is too near may follow a path away from the hand; 0: it stands.
         reaction_s: from an answer of the detectors to the first braking: a period of `controller.tick_hz`, the arm's
             cycle, and what joints trail; worked out where it is left out, 0.078 s at 25 Hz and faster.
-        hand_height_m: how high over the bench hand and forearm may be, where a tracker does not tell.
-        assumed_height_m: the height for which a tracker that does not tell heights works out positions.
         hand_error_m: Z_d, how far a tracked hand may be off: 95 % of the errors on the tracker's model card where that
             is more than this; of a tracker without a card, 0.06 m. A hand whose deviation is larger is farther off.
         intrusion_m: C, how far a hand may be over the edge of the view before the tracker finds it: half a hand, as the
@@ -52,22 +77,11 @@ class SeparationSettings(Model):
     moved: ClassVar[Mapping[str, str]] = {
         "margin_m": "hand_error_m says how far a hand may be off; the arm's part follows"
     }
-    hand_acceleration_m_s2: ClassVar[float] = 12.0  # how soon a slow hand may be fast
-    speed_error_m_s: ClassVar[float] = 0.1  # how far a hand's measured speed may be off
-    braking_m_s2: ClassVar[float] = 1.6  # how the arm's fastest point slows down from the slow speed, as measured
-    hand_radius_m: ClassVar[float] = 0.06  # half the width of hand and forearm
-    forearm_m: ClassVar[float] = 0.35  # length of a forearm that is not seen, behind the palm
-    blind_share: ClassVar[float] = 0.3  # largest share of speed if the tool works outside the view
-    arm_cycle_s: ClassVar[float] = 0.008  # of a CB3 controller; an e-series has 0.002 s
-    trailing_s: ClassVar[float] = 0.030  # joints trail their set points by this much at least (docs/simulation.md)
-
     hand_speed_m_s: float = Field(default=1.6, gt=0, le=5)
     slow_m_s: float = Field(default=0.248, gt=0, le=0.5)
     clamp_n: float | None = Field(default=None, gt=0, le=1000)
     leaving_m_s: float = Field(default=0.1, ge=0, le=0.25)
     reaction_s: float = Field(default=0.078, ge=0, le=1)
-    hand_height_m: float = Field(default=0.30, gt=0, le=1)
-    assumed_height_m: float = Field(default=0.10, ge=0, le=1)
     hand_error_m: float = Field(default=0.025, ge=0, le=0.5)
     intrusion_m: float = Field(default=0.10, ge=0, le=0.5)
     hysteresis_m: float = Field(default=0.03, ge=0, le=0.5)
@@ -138,26 +152,73 @@ class Stopping(Model):
         ]
 
 
-class MotionSettings(Model):
+class MotionLimits:
+    """How near the arm comes to things, and how it handles them. Origin: chosen, and tried in simulation.
+
+    Attributes:
+        sample_s: [s] between samples of a trajectory, the arm's own control period.
+        line_acceleration_m_s2: [m/s2] of the tool on straight lines.
+        line_jerk_m_s3: [m/s3] of the tool on straight lines.
+        fingertip_clearance_m: [m] of fingertips above a body's bottom: they clear the bracket.
+        finger_clearance_m: [m] between each finger and the body before closing.
+        least_finger_clearance_m: [m] the same if a neighbour stands too close for that.
+        finger_margin_m: [m] at least between fingers that come down and a neighbour.
+        least_finger_margin_m: [m] the same if a neighbour stands too close for that.
+        close_speed_m_s: [m/s] of fingers that come down so close: the arm strays .5 mm off its line.
+        passing_gap_m: [m] below the fingertips at which something is out of their way.
+        approach_gap_m: [m] by which fingertips pass above what stands below them before a descent.
+        carry_gap_m: [m] by which the peg of a carried part passes above placed parts.
+        insertion_speed_m_s: [m/s] of a peg that is lowered into its hole.
+        insertion_start_m: [m] above the hole at which slow lowering begins.
+        contact_lag_m: [m] above where it should be by then at which a tool has met something.
+        search_shifts_m: [m] where a peg that met the rim is tried again, along the sides that the fingers hold; from
+            one finger to the other they have centred the part.
+        release_gap_m: [m] above what it will stand on at which a part is let go.
+        part_gap_m: [m] at least between a part that is moved aside and its new neighbours.
+        rim_gap_m: [m] at least between a part that is moved aside and the tray's rim.
+        servo_lag_s: [s] by which the arm trails its trajectory at most.
+        collision_margin_m: [m] at least to what stands still.
+        gripper_speed_m_s: [m/s] of the fingers.
+        gripper_timeout_s: [s] that one motion of the fingers may take.
+        arm_timeout_s: [s] longer than its trajectory that a motion of the arm may take.
+        arrival_tolerance_rad: [rad] to its goal at which every joint has arrived once the arm stands.
+    """
+
+    sample_s: ClassVar[float] = 0.008
+    line_acceleration_m_s2: ClassVar[float] = 1.6
+    line_jerk_m_s3: ClassVar[float] = 20.0
+    fingertip_clearance_m: ClassVar[float] = 0.003
+    finger_clearance_m: ClassVar[float] = 0.006
+    least_finger_clearance_m: ClassVar[float] = 0.003
+    finger_margin_m: ClassVar[float] = 0.002
+    least_finger_margin_m: ClassVar[float] = 0.001
+    close_speed_m_s: ClassVar[float] = 0.08
+    passing_gap_m: ClassVar[float] = 0.002
+    approach_gap_m: ClassVar[float] = 0.015
+    carry_gap_m: ClassVar[float] = 0.020
+    insertion_speed_m_s: ClassVar[float] = 0.08
+    insertion_start_m: ClassVar[float] = 0.002
+    contact_lag_m: ClassVar[float] = 0.002
+    search_shifts_m: ClassVar[tuple[float, ...]] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
+    release_gap_m: ClassVar[float] = 0.0015
+    part_gap_m: ClassVar[float] = 0.030
+    rim_gap_m: ClassVar[float] = 0.030
+    servo_lag_s: ClassVar[float] = 0.016
+    collision_margin_m: ClassVar[float] = 0.004
+    gripper_speed_m_s: ClassVar[float] = 0.15
+    gripper_timeout_s: ClassVar[float] = 2.5
+    arm_timeout_s: ClassVar[float] = 1.5
+    arrival_tolerance_rad: ClassVar[float] = 0.004
+
+
+class MotionSettings(MotionLimits, Model):
     """How the arm and the gripper move; what the arm can do at most, its robot file says.
 
     Attributes:
-        sample_s: spacing of trajectory samples, the arm's own control period.
         line_speed_m_s: speed of the tool on straight lines.
-        line_acceleration_m_s2: acceleration of the tool on straight lines.
-        line_jerk_m_s3: jerk of the tool on straight lines.
         grasp_depth_m: fingertips reach this far below a body's top: the pads' length, for a full grip that still passes
             over lower neighbours.
-        least_finger_clearance_m: finger_clearance_m where a neighbour stands too close for that.
-        contact_lag_m: a tool that stays this far above where it should be by then has met something.
-        search_shifts_m: where a peg that met the rim is tried again, along the sides that the fingers hold; from one
-            finger to the other they have centred the part.
-        release_gap_m: a part is let go this far above what it will stand on.
-        part_gap_m: least gap between a part that is moved aside and its new neighbours.
-        gripper_speed_m_s: speed of the fingers.
         grip_force_n: force of the fingers.
-        gripper_timeout_s: how long one motion of the fingers may take.
-        arrival_tolerance_rad: how near every joint must be to its goal once the arm stands.
         speed_share: of its speed, that the arm never exceeds; `cell run --share` for one run.
         separation: how far the arm keeps from the person, and how slow it is for that.
         stopping: how the arm stops, as measured: a slower reaction than reckoned counts.
@@ -171,37 +232,11 @@ class MotionSettings(Model):
         **dict.fromkeys(("tcp_from_tool0_m", "fingertip_beyond_tcp_m"), "the gripper's file has it: gripper: FILE"),
         "collision_step_rad": "nothing: ways are checked by how far points of the arm go",
     }
-    fingertip_clearance_m: ClassVar[float] = 0.003  # of fingertips above a body's bottom: they clear the bracket
-    finger_clearance_m: ClassVar[float] = 0.006  # gap between each finger and the body before closing
-    finger_margin_m: ClassVar[float] = 0.002  # least gap between fingers that come down and a neighbour
-    least_finger_margin_m: ClassVar[float] = 0.001  # the same if a neighbour stands too close for that
-    close_speed_m_s: ClassVar[float] = 0.08  # of fingers that come down so close: the arm strays .5 mm off its line
-    passing_gap_m: ClassVar[float] = 0.002  # what ends this far below the fingertips is out of their way
-    approach_gap_m: ClassVar[float] = 0.015  # fingertips pass this far above what stands below them before a descent
-    carry_gap_m: ClassVar[float] = 0.020  # the peg of a carried part passes this far above placed parts
-    insertion_speed_m_s: ClassVar[float] = 0.08  # of a peg that is lowered into its hole
-    insertion_start_m: ClassVar[float] = 0.002  # height above the hole at which slow lowering begins
-    servo_lag_s: ClassVar[float] = 0.016  # the arm trails its trajectory by at most this much
-    rim_gap_m: ClassVar[float] = 0.030  # least gap between a part that is moved aside and the tray's rim
-    collision_margin_m: ClassVar[float] = 0.004  # least distance to what stands still
-    arm_timeout_s: ClassVar[float] = 1.5  # how much longer than its trajectory a motion of the arm may take
-
-    sample_s: float = Field(default=0.008, ge=0.001, le=0.1)
     line_speed_m_s: float = Field(default=0.40, gt=0, le=1.5)
-    line_acceleration_m_s2: float = Field(default=1.6, gt=0, le=20)
-    line_jerk_m_s3: float = Field(default=20.0, gt=0, le=1000)
 
     grasp_depth_m: float = Field(default=0.022, gt=0, le=1)
-    least_finger_clearance_m: float = Field(default=0.003, gt=0, le=1)
-    contact_lag_m: float = Field(default=0.002, gt=0, le=0.05)
-    search_shifts_m: tuple[Shift, ...] = (0.0035, -0.0035, 0.007, -0.007, 0.0105, -0.0105)
-    release_gap_m: float = Field(default=0.0015, ge=0, le=1)
-    part_gap_m: float = Field(default=0.030, gt=0, le=1)
 
-    gripper_speed_m_s: float = Field(default=0.15, ge=0.020, le=0.150)
     grip_force_n: float = Field(default=60.0, ge=20, le=235)
-    gripper_timeout_s: float = Field(default=2.5, gt=0, le=60)
-    arrival_tolerance_rad: float = Field(default=0.004, gt=0, le=0.05)
     speed_share: float = Field(default=1.0, ge=0.02, le=1)
     separation: SeparationSettings = SeparationSettings()
     stopping: Stopping = Stopping()

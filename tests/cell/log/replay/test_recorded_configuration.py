@@ -45,6 +45,23 @@ def test_the_form_before_devices_had_roles(tmp_path: Path) -> None:
     assert (read.robot.gripper.tcp_from_flange_m, read.motion.grip_force_n) == (0.2, 50)
 
 
+def test_keys_that_no_file_sets_any_more_are_left_out(tmp_path: Path) -> None:
+    planners = yaml.safe_load(DEFAULT_CONFIGURATION.read_text())["planners"]
+    planners["semantic"]["new_goals"] = {"none_probability": 0.1, "discount": 0.2}
+    read = as_recorded(
+        tmp_path,
+        devices={"gripper": {"kind": "can", "start_up_s": 3.0}},
+        perception={"kind": "learned", "classical": {"skin_rgb": [0.5, 0.4, 0.3], "still_m": 0.01}},
+        log={"buffer_mb": 8.0, "jpeg_quality": 70},
+        motion={"contact_lag_m": 0.003, "grip_force_n": 50, "separation": {"assumed_height_m": 0.2, "people": 2}},
+        planners=planners,
+    )
+    assert (read.devices.gripper, read.log.jpeg_quality) == (CanSettings(), 70)
+    assert read.perception.classical.skin_rgb == (0.5, 0.4, 0.3)
+    assert read.planners.semantic.new_goals.none_probability == 0.1
+    assert (read.motion.grip_force_n, read.motion.separation.people, read.motion.contact_lag_m) == (50, 2, 0.002)
+
+
 def test_drivers_that_are_not_here_and_files_that_were_beside_it_are_not_needed(tmp_path: Path) -> None:
     own = {"kind": "their_lab:Arm", "host": "192.0.2.10"}
     read = as_recorded(tmp_path, devices={"arm": own, "simulation": "sim.yaml"})

@@ -131,7 +131,8 @@ def faults() -> str:
 def _ends(kind: FaultKind) -> str:
     """How a run may end with a fault."""
     held = f"; with a part in the fingers: {' or '.join(kind.holding_ends)}" if kind.holding_ends else ""
-    return " or ".join(kind.ends) + held
+    unseen = f"; finished in {', '.join(kind.unseen_in)}: nothing moves that shows it" if kind.unseen_in else ""
+    return " or ".join(kind.ends) + held + unseen
 
 
 def log_topics() -> str:

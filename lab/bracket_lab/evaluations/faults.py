@@ -255,7 +255,7 @@ def _row(
     placed = any(placement.seated and placement.by == "robot" for placement in cell.score.placements().values())
     holding = watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES
     kept = not drops.dropped if mishap else hangs(cell) if holding else None
-    ends = _ends(kind, watch)
+    ends = _ends(kind, watch, injection.state)
     reached = injection.began_s is not None
     recoverable = ends == ("finished",)
     recovered = outcome.end == "finished" and placed
@@ -283,9 +283,9 @@ def _row(
     }
 
 
-def _ends(kind: FaultKind | None, watch: StoppingDistance) -> tuple[str, ...]:
+def _ends(kind: FaultKind | None, watch: StoppingDistance, state: str) -> tuple[str, ...]:
     """How the run may end."""
-    if kind is None:
+    if kind is None or state in kind.unseen_in:
         return ("finished",)
     if kind.holding_ends and watch.held_before:
         return kind.holding_ends

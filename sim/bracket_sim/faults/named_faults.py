@@ -20,6 +20,7 @@ class FaultKind:
         signals: what is wrong, as `SignalFault.parse` reads it.
         lasts_s: after so long it goes away by itself; None for never.
         holding_ends: as `ends`, where a part is between the fingers; None for no difference.
+        unseen_in: states of the trial after which no motion shows it: the run finishes.
         acknowledged: somebody acknowledges it, and an arm's mode is normal then.
         states: in which it can come; empty for all. One with states is of the world, a mishap with a part.
         promise: how the cell answers a mishap, in words.
@@ -30,6 +31,7 @@ class FaultKind:
     signals: tuple[str, ...] = ()
     lasts_s: float | None = None
     holding_ends: tuple[str, ...] | None = None
+    unseen_in: tuple[str, ...] = ()
     acknowledged: bool = False
     states: tuple[str, ...] = ()
     promise: str = ""
@@ -41,6 +43,7 @@ class FaultKind:
 
 
 STOPS, RECOVERS, EITHER = ("fault",), ("finished",), ("fault", "finished")
+ASKING = "waiting_for_help"
 STANDS = ("arm.follow:refused", "arm.pace:scaled:0")  # by itself, in some modes
 RESTARTS = ("bus.GripperCommand:foreign:rACT=0", "bus.GripperHeartbeat:foreign:NodeState=0")
 
@@ -59,8 +62,8 @@ def _lost(what: str, *signals: str) -> FaultKind:
     return FaultKind(what, RECOVERS, signals, LOSS_S, acknowledged=True)
 
 
-def _stops(what: str, *signals: str) -> FaultKind:
-    return FaultKind(what, STOPS, signals)
+def _stops(what: str, *signals: str, unseen_in: str = "") -> FaultKind:
+    return FaultKind(what, STOPS, signals, unseen_in=tuple(unseen_in.split()))
 
 
 FAULTS: dict[str, FaultKind] = {
@@ -69,7 +72,9 @@ FAULTS: dict[str, FaultKind] = {
     "arm_nan": _stops("the arm's joints are not numbers", *(f"arm.positions_rad.{joint}:lost" for joint in range(6))),
     "arm_velocity_nan": _stops("one joint's speed is not a number", "arm.velocities_rad_s.3:lost"),
     "arm_five_joints": _stops("the arm reports five joints", "arm.positions_rad:cut"),
-    "arm_offset": _stops("the arm reports its base joint 0.03 rad off", "arm.positions_rad.0:offset:0.03"),
+    "arm_offset": _stops(
+        "the arm reports its base joint 0.03 rad off", "arm.positions_rad.0:offset:0.03", unseen_in=ASKING
+    ),
     "arm_lost": _stops("reading the arm raises", "arm.answer:refused"),
     "arm_deaf": _stops(
         "reading and commanding the arm raise",
@@ -80,9 +85,11 @@ FAULTS: dict[str, FaultKind] = {
         "reading and commanding the arm raise for 2 s",
         *("arm.answer:refused", "arm.follow:refused", "arm.stop:refused", "arm.pace:refused"),
     ),
-    "arm_percent": FaultKind("the arm takes its share of speed for percent", ("failed",), ("arm.pace:scaled:0.01",)),
-    "arm_refuses": _stops("the arm refuses trajectories", "arm.follow:refused"),
-    "arm_ignores": _stops("the arm ignores trajectories", "arm.follow:lost"),
+    "arm_percent": FaultKind(
+        "the arm takes its share of speed for percent", ("failed",), ("arm.pace:scaled:0.01",), unseen_in=(ASKING,)
+    ),
+    "arm_refuses": _stops("the arm refuses trajectories", "arm.follow:refused", unseen_in=f"leave {ASKING}"),
+    "arm_ignores": _stops("the arm ignores trajectories", "arm.follow:lost", unseen_in=f"leave {ASKING}"),
     "arm_protective_stop": FaultKind(
         "protective stop until it is acknowledged",
         RECOVERS,

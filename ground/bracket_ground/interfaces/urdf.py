@@ -12,6 +12,7 @@ XACRO = "xacro}"  # end of the namespace, of which there are several
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
+MOST_LINKS = 500  # a humanoid has a third of that
 FINGER_JOINTS = 4  # a branch with more of them is an arm
 TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
 MOVES = ("revolute", "prismatic")
@@ -49,6 +50,8 @@ def element(text: str, path: Path) -> ElementTree.Element:
         raise ValueError(f"{path}: not a URDF: {error}") from None
     if root.tag != "robot":
         raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
+    if (count := len(root.findall("link"))) > MOST_LINKS:
+        raise ValueError(f"{path}: has {count} links, at most {MOST_LINKS} are read")
     if any(XACRO in entry.tag for entry in root.iter()):
         raise ValueError(f"{path}: holds macros: let `xacro` make a URDF of it")
     return root

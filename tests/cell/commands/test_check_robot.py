@@ -19,6 +19,7 @@ BROKEN = {
     "another root": ("<sdf/>", "its root is <sdf>"),
     "macros": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:arm/></robot>", "let `xacro` make a URDF"),
     "nothing in it": ("<robot name='a'/>", "must have one base"),
+    "links without end": (f"<robot name='a'>{'<link/>' * 501}</robot>", "has 501 links, at most 500"),
     "words for numbers": (SEVEN.replace('lower="-2.09"', 'lower="left"', 1), "must be finite numbers"),
     "no finite number": (SEVEN.replace('xyz="0 0 0.2155"', 'xyz="0 0 nan"', 1), "must be finite numbers"),
     "a ring": (SEVEN.replace('<link name="foot"/>', "").replace('"foot"', '"l6"'), "ring"),

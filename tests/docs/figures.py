@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from bracket_lab.evaluations.figures import FIGURES, Row, Table, paper, topics
-from bracket_lab.experiments.experiments import markdown
 
 PAGES = "docs/research"
 RESULTS = "results"  # its page begins with all that falls short, from every file
@@ -83,3 +82,9 @@ def _cell(name: str, value: object) -> str:
         return "met" if value else "**missed**"
     text = str(value).replace("|", "\\|")
     return f"`{text}`" if name == "command" else text
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

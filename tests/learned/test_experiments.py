@@ -1,8 +1,7 @@
-"""Cells are measured once for a key and the code behind it; pages say what was measured."""
+"""Cells are measured once for a key and the code behind it."""
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 
@@ -10,16 +9,7 @@ import pytest
 
 from bracket_ground.errors import InputError
 from bracket_lab.experiments import experiments
-from bracket_lab.experiments.experiments import (
-    Cell,
-    code_version,
-    kept,
-    markdown,
-    measured,
-    number,
-    shown_share,
-    write_sections,
-)
+from bracket_lab.experiments.experiments import Cell, code_version, kept, measured
 
 asked: list[int] = []
 
@@ -78,28 +68,3 @@ def test_the_version_of_code_follows_imports_and_forgets_words(tmp_path: Path, m
 
 def test_the_code_of_this_project_is_found() -> None:
     assert code_version("bracket_lab.experiments.experiments") != code_version("bracket_lab.experiments.no_such_module")
-
-
-def test_numbers_as_text() -> None:
-    assert [number(value) for value in (0.25, 0.0, 1.0, 1.5)] == [".250", "0.000", "1.000", "1.500"]
-
-
-def test_a_share_of_several_seeds_shows_the_ends_of_all_their_intervals() -> None:
-    found = [({"seed": seed}, {"a": a, "a_low": a - 0.1, "a_high": a + 0.1}) for seed, a in ((1, 0.5), (2, 0.7))]
-    assert shown_share(found, "a") == ".600 (.400 - .800)"
-    assert shown_share(found, "a", seed=2) == ".700 (.600 - .800)"
-    assert shown_share(found, "a", seed=3) == "-"
-
-
-def test_figures_hold_the_tables_of_the_page(tmp_path: Path) -> None:
-    table = markdown(("", "square"), [(str(number), str(number**2)) for number in range(2)])
-    section = f"## Squares\nOf few numbers.\n\nSmall ones:\n\n{table}\n\nThe same again:\n\n{table}"
-    for name in ("page.md", "figures.json"):
-        write_sections("# A title\nWords.", [section], tmp_path / name, {"command": "`measure`", "date": "some day"})
-    assert "| 1 | 1 |" in (tmp_path / "page.md").read_text()
-    found = json.loads((tmp_path / "figures.json").read_text())
-    assert (found["title"], found["about"]) == ("A title", "Words. date: some day.")
-    told = {"title": "Squares", "command": "measure", "head": ["", "square"], "cells": [["0", "0"], ["1", "1"]]}
-    first, second = found["tables"]
-    assert first == {**told, "about": "Of few numbers. Small ones:"}
-    assert second == {**told, "about": "The same again:"}

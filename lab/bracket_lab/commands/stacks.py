@@ -11,7 +11,7 @@ from rich.progress import track
 from typer import Option
 
 from bracket_cell.commands.options import JsonOption, SchedulerOption, SeedOption, WorkersOption
-from bracket_cell.commands.terminal import console, print_json, table
+from bracket_cell.commands.terminal import console, print_json, report_scores, table
 from bracket_cell.fleet.engine import mapped
 from bracket_ground.errors import InputError
 from bracket_ground.files.data_folder import JPEG_QUALITY
@@ -100,7 +100,7 @@ def _drawn(seed: int, asked: list[tuple[int, StackSettings]]) -> list[tuple[Stac
 def evaluate_stacks(
     data: Annotated[Path, Option("--data", help="Folder of VMRD.")],
     classes: Annotated[
-        str | None, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, draw Fig. 18.")
+        str | None, Option(help="Numbers of classes, in VMRD's order; several, as 5,10,20,31, for Fig. 18.")
     ] = None,
     share: Annotated[
         float, Option(min=0.05, max=1, help="Of the papers' networks: EfficientNet-Lite0 below 1, ResNet-101 at 1.")
@@ -109,41 +109,26 @@ def evaluate_stacks(
     detector_of: Annotated[
         Path | None, Option("--detector-of", help="Folder that the detector learns from; --data by default.")
     ] = None,
-    page: Annotated[Path | None, Option("--page", help="Page to write; Fig. 18 is drawn next to it.")] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Score planners of what lies on what, trained on the same folder; finished cells and features stay in data/."""
+    """Score planners of what lies on what, trained on the same folder: Table 4, or, for several counts, Fig. 18.
+
+    OR, OP and IA as VMRN counts; answer is the paper's IA. Finished cells and features stay in data/.
+    """
     kinds, read = _kinds(kind), read_vmrd(data)
     other = None if detector_of is None else read_vmrd(detector_of)
     if other is not None and other.classes != read.classes:
         raise InputError(f"--detector-of {detector_of}: its classes are not those of {data}")
     counts = [len(read.classes)] if classes is None else numbers_of_classes(classes)
-    from bracket_lab.experiments.experiments import kept, measured, write_sections
-    from bracket_lab.experiments.stacks.experiment import (
-        FIGURE,
-        TITLE,
-        Study,
-        draw_figure18,
-        figure18,
-        printed_ia,
-        table4,
-    )
+    from bracket_lab.experiments.experiments import kept, measured
+    from bracket_lab.experiments.stacks.experiment import TITLES, Study, printed_ia
 
     settings = StackTraining(classes=read.classes, share=share)
     study = Study(read, KEPT / "stacks", settings, seed, other)
     cells = measured("stacks", study.cells(counts, kinds), kept(KEPT / "stacks" / "experiments.jsonl"))
-    drawn = "" if page is None else f"../{page.absolute().parent.name}/{FIGURE}"
-    section = table4(cells) if len(counts) == 1 else figure18(cells, drawn)
-    console().print(section, highlight=False, soft_wrap=True)
-    if page is not None:
-        asked = [("classes", classes), ("detector-of", detector_of), ("page", page)]
-        words = " ".join(f"--{name} {value}" for name, value in asked if value is not None)
-        learned_from = f"{len(read.trainval)} pictures, tested on {len(read.test)}"
-        facts = {"command": f"cell lab eval stacks --data {data} {words}", "learned from": learned_from}
-        write_sections(TITLE, [section], page, facts)
-        if len(counts) > 1:
-            draw_figure18(cells, page.with_name(FIGURE))
+    for key, values in cells:
+        report_scores(f"{TITLES[key['planner']]}, {key['boxes']} boxes, {key['classes']} classes", values, False)
     if as_json:
         rows = [{name: key[name] for name in ("planner", "boxes", "classes")} | values for key, values in cells]
         print_json({"data": str(data), "paper": printed_ia(), "rows": rows})

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from bracket_ground.interfaces.stacks import StackedScene
 from bracket_lab.evaluations.figures import paper
-from bracket_lab.experiments.experiments import Cell, Cells, Values, markdown, shown_share, values_of
+from bracket_lab.experiments.experiments import Cell, Values
 from bracket_lab.experiments.stacks.checks import LEARNED, RULES, StackData, StackTraining
 from bracket_lab.experiments.stacks.detector import Regions, load_detector, save_detector, train_detector
 from bracket_lab.experiments.stacks.planners import Always, StackPlanner, Topmost, train_planner
@@ -23,7 +23,7 @@ from bracket_lab.experiments.stacks.views import Labelled, StackView, kept_views
 from bracket_lab.learned.training.training_loop import Checkpoint
 
 Boxes = Literal["true", "detected"]
-DETECTOR, FIGURE = "detector.pt", "fig18.svg"
+DETECTOR = "detector.pt"
 BOXES: tuple[Boxes, ...] = ("true", "detected")
 TITLES = {
     "default": "default: WL-GNN, decoder that points",
@@ -187,85 +187,6 @@ def _regions(study: Study) -> Regions:
     return Regions(load_detector(path, study.settings), study.settings.classes)
 
 
-TITLE = (
-    "# Figures: stacks\n"
-    "Everyday objects as `cell lab data stacks` draws them: [stacks.md](../stacks.md) says what rows are. In brackets "
-    "is the 95 % interval (Wilson)."
-)
-HEAD = ("planner", "boxes", "OR", "OP", "IA", "paper's IA", *(f"{count} objects" for count in OBJECTS), "paper")
-
-
 def printed_ia() -> dict[str, str]:
     """The paper's own IA by kind of planner."""
     return {kind: paper().tables["Table 4"].rows[name]["IA"] for kind, name in PRINTED.items()}
-
-
-def table4(cells: Cells) -> str:
-    """Table 4: all planners on all classes that were asked for."""
-    most = max((key["classes"] for key, _ in cells), default=0)
-    rows = []
-    for boxes in BOXES:
-        for kind in TITLES:
-            wanted: dict[str, Any] = {"planner": kind, "boxes": boxes, "classes": most}
-            if not values_of(cells, lambda values: float(bool(values)), **wanted):
-                continue
-            found = [_share(cells, name, wanted) for name in ("OR", "OP", "IA", "answer")]
-            sizes = [_share(cells, f"answer_{count}", wanted) for count in OBJECTS]
-            rows.append((TITLES[kind], boxes, *found, *sizes, printed_ia().get(kind, "-")))
-    return (
-        "## Table 4: stacks\n"
-        "OR, OP, IA as VMRN counts: pairs of objects, and pictures with all pairs right. The paper's IA: for one "
-        "object of each picture, graspability and, where something lies on it, the text right; by number of objects. "
-        f"The last column is the paper's own, on VMRD's photographs.\n\n{markdown(HEAD, rows)}"
-    )
-
-
-def figure18(cells: Cells, drawn: str = "") -> str:
-    """Fig. 18: graph and decoder by number of classes.
-
-    Args:
-        drawn: where the picture is, as the page names it.
-    """
-    counts = sorted({key["classes"] for key, _ in cells})
-    rows = []
-    for kind in LEARNED:
-        for part, words in (("graph", "graspability of nodes"), ("decoder", "text")):
-            found = [_share(cells, part, {"planner": kind, "boxes": "true", "classes": count}) for count in counts]
-            rows.append((TITLES[kind], words, *found))
-    head = ("planner", "right", *(f"{count} classes" for count in counts))
-    return (
-        "## Fig. 18: by number of classes\n"
-        "True boxes. As many pictures for each number of classes, with as many objects. Text: of the objects that the "
-        "graph rightly calls not graspable."
-        + (f" ![graspability and text by number of classes]({drawn})" if drawn else "")
-        + f"\n\n{markdown(head, rows)}"
-    )
-
-
-def _share(cells: Cells, name: str, wanted: Mapping[str, Any]) -> str:
-    """A share as text, with its interval; a dash where nothing was counted."""
-    found = values_of(cells, lambda values: float(values.get(name, np.nan)), **wanted)
-    return "-" if not found or np.isnan(found[0]) else shown_share(cells, name, **wanted)
-
-
-def draw_figure18(cells: Cells, file: Path) -> None:
-    """Fig. 18 as a picture."""
-    import matplotlib.pyplot as plt
-
-    counts = sorted({key["classes"] for key, _ in cells})
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.5), sharey=True)
-    for axis, part in zip(axes, ("graph", "decoder"), strict=True):
-        for kind in LEARNED:
-            shares = [
-                values_of(cells, lambda v: float(v.get(part, np.nan)), planner=kind, boxes="true", classes=count)  # noqa: B023
-                for count in counts
-            ]
-            axis.plot(counts, [some[0] if some else np.nan for some in shares], marker="o", label=TITLES[kind])
-        axis.set_title({"graph": "graspability of nodes", "decoder": "text"}[part])
-        axis.set_xlabel("classes")
-        axis.set_xticks(counts)
-    axes[0].set_ylabel("right")
-    axes[1].legend(fontsize=7)
-    figure.tight_layout()
-    figure.savefig(file)
-    plt.close(figure)

@@ -296,10 +296,7 @@ def for_shift(configuration: Configuration, brackets: int) -> Configuration:
     if log.keep_mb is None and log.keep_parts is None:
         log = log.model_copy(update={"keep_mb": SHIFT_LOG_MB})
     return configuration.model_copy(
-        update={
-            "controller": configuration.controller.model_copy(update={"max_duration_s": longest_s}),
-            "log": log,
-        }
+        update={"controller": configuration.controller.model_copy(update={"max_duration_s": longest_s}), "log": log}
     )
 
 

@@ -6,14 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import (
-    BeforeValidator,
-    Discriminator,
-    Field,
-    SerializeAsAny,
-    Tag,
-    ValidationInfo,
-)
+from pydantic import BeforeValidator, Discriminator, Field, SerializeAsAny, Tag, ValidationInfo
 
 from bracket_cell.plugins import Chosen
 from bracket_cell.simulator import NoSimulation, installed
@@ -92,10 +85,7 @@ class OwnDevice(Chosen):
             the entry points `cell.devices`.
     """
 
-    kind: str = Field(
-        pattern=r"^[\w.-]+(:\w+)?$",
-        json_schema_extra={"not": {"enum": _OURS}},
-    )
+    kind: str = Field(pattern=r"^[\w.-]+(:\w+)?$", json_schema_extra={"not": {"enum": _OURS}})
 
     @property
     def inputs(self) -> tuple[str, ...]:

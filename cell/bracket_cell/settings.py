@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from pydantic import (
-    Field,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
 from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, WEIGHTS, Files, KindSettings, files_of
 from bracket_cell.learned.classical.settings import PerceptionSettings as ClassicalSettings

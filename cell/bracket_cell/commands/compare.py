@@ -37,10 +37,7 @@ WORSE = 1
 EVERYONE = ("careful", "careful_brisk", "ordinary", "ordinary_brisk")
 NOT_DONE = ("lost", "refused")
 OF_A_SWEEP = ("runs.jsonl", "runs.parquet", "compare.html")
-OutOption = Annotated[
-    str,
-    typer.Option("--out", "-o", metavar="FOLDER", help=OUT_HELP),
-]
+OutOption = Annotated[str, typer.Option("--out", "-o", metavar="FOLDER", help=OUT_HELP)]
 
 
 def compare(

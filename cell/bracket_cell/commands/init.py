@@ -31,9 +31,7 @@ testpaths = ["tests"]
 """
 
 
-def init(
-    folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")],
-) -> None:
+def init(folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")]) -> None:
     """Make a folder for a cell of your own: configuration, product, tree and test."""
     say = console()
     files = new_cell()

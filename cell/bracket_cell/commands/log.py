@@ -117,11 +117,7 @@ def ticks(
 
 
 @log_app.command()
-def why(
-    log: LogArgument,
-    at_s: AtOption = math.inf,
-    as_json: JsonOption = False,
-) -> None:
+def why(log: LogArgument, at_s: AtOption = math.inf, as_json: JsonOption = False) -> None:
     """Say why the cell did what it did: the way through its tree, what was compared, what would have changed it."""
     from bracket_cell.log.replay.why import why_at
     from bracket_cell.log.report.text import why_lines
@@ -231,8 +227,7 @@ def list_runs(
     where: Annotated[str | None, typer.Option(help='SQL condition, like "correct = false and seed < 10".')] = None,
     sql: Annotated[str | None, typer.Option(help="A whole SQL query of the table `runs`.")] = None,
     failures: Annotated[
-        bool,
-        typer.Option("--failures", help="Runs that failed: state, time, first cause, and the end."),
+        bool, typer.Option("--failures", help="Runs that failed: state, time, first cause, and the end.")
     ] = False,
     html: HtmlOption = None,
     statistics: Annotated[

@@ -73,8 +73,7 @@ def _span(context: typer.Context, parameter: typer.CallbackParam, value: float) 
 
 
 AtOption = Annotated[
-    float,
-    typer.Option("--at", help="Time in a log in seconds; by default the last tick of the tree.", callback=a_time),
+    float, typer.Option("--at", help="Time in a log in seconds; by default the last tick of the tree.", callback=a_time)
 ]
 FromOption = Annotated[float, typer.Option("--from", help="From this time on, in seconds.", callback=_span)]
 UntilOption = Annotated[float, typer.Option("--until", help="Up to this time, in seconds.", callback=_span)]

@@ -27,22 +27,14 @@ MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
 _ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
-DOORS = {
-    "monitor": MONITOR_PORT,
-    "breakpoints": MONITOR_PORT,
-    "debugger": MONITOR_PORT,
-    "live": LIVE_PORT,
-}
+DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "debugger": MONITOR_PORT, "live": LIVE_PORT}
 
 CONFIG_HELP = "Configuration file of the cell."
 OUT_HELP = "File or folder to write."
 ROS2_HELP = "Topics of ROS 2: those of a bag, or the simulated cell as the drivers of a UR and a RealSense name them."
 HtmlOption = Annotated[Path | None, typer.Option("--html", help="Write an HTML page, too.")]
 ConfigOption = Annotated[Path, typer.Option("--config", help=CONFIG_HELP)]
-NamesOption = Annotated[
-    Path | None,
-    typer.Option("--config", help=CONFIG_HELP),
-]
+NamesOption = Annotated[Path | None, typer.Option("--config", help=CONFIG_HELP)]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed: the same seed gives the same run.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as one line of JSON.")]
 SlowerOption = Annotated[

@@ -13,13 +13,7 @@ from xml.etree import ElementTree
 import typer
 
 from bracket_cell.commands.log_terminal import AtOption, spared
-from bracket_cell.commands.options import (
-    HtmlOption,
-    OverwriteOption,
-    WithOption,
-    always_loaded,
-    user_files,
-)
+from bracket_cell.commands.options import HtmlOption, OverwriteOption, WithOption, always_loaded, user_files
 from bracket_cell.commands.terminal import console
 from bracket_ground.errors import InputError, LogError
 
@@ -36,8 +30,7 @@ def show(
         typer.Argument(metavar="FILE", help="Tree file, or log of a run (MCAP); leave it out with --running."),
     ] = None,
     product: Annotated[
-        Path | None,
-        typer.Argument(metavar="[PRODUCT]", help="After the word product: its file, or a configuration."),
+        Path | None, typer.Argument(metavar="[PRODUCT]", help="After the word product: its file, or a configuration.")
     ] = None,
     at_s: AtOption = math.inf,
     running: Annotated[

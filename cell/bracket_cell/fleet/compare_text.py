@@ -30,10 +30,7 @@ def lines(found: Sequence[Finding], names: tuple[str, str], pairs: int) -> list[
         mark = "*" if finding.measure.judged else " "
         row = f"{finding.measure.name:17}{mark} {_number(finding.one):>9} {_number(finding.other):>9}"
         told.append(f"{row}  {_signed(finding.difference.value):>9}  {_span(finding):>20}  {finding.verdict}")
-    told += [
-        "",
-        "* decides which is better; the three share 5 % of false alarms. The others explain, each by itself.",
-    ]
+    told += ["", "* decides which is better; the three share 5 % of false alarms. The others explain, each by itself."]
     return told
 
 

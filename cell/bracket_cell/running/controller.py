@@ -106,12 +106,7 @@ class Controller:
         self._period_s = 1.0 / settings.tick_hz
         self._observers = Observers(observers, devices.clock)
         self._reader = DeviceReader(
-            devices,
-            watcher,
-            finder,
-            self._observers.frame,
-            lambda text: self._observers.say("warning", text),
-            own_body,
+            devices, watcher, finder, self._observers.frame, lambda text: self._observers.say("warning", text), own_body
         )
         self._watchdog = watchdog or Watchdog()
         self._signals = self._watchdog.signals

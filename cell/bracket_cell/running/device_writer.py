@@ -74,12 +74,7 @@ class DeviceActor:
         refused: called with a device's name and what it raised.
     """
 
-    def __init__(
-        self,
-        devices: Devices,
-        operator: OperatorChannel,
-        refused: Callable[[str, Exception], None],
-    ) -> None:
+    def __init__(self, devices: Devices, operator: OperatorChannel, refused: Callable[[str, Exception], None]) -> None:
         self._devices = devices
         self._gripper = devices.gripper
         self._signals = devices.signals

@@ -39,12 +39,7 @@ class WorkOrders:
         InputError: the file cannot be read, or a line of it is no order.
     """
 
-    def __init__(
-        self,
-        variants: Mapping[str, str],
-        path: Path | None = None,
-        book: Book | None = None,
-    ) -> None:
+    def __init__(self, variants: Mapping[str, str], path: Path | None = None, book: Book | None = None) -> None:
         self._variants, self._path, self._book = dict(variants), path, book or Book()
         self._orders = self._written()
         self._looked_s, self._read, self._line = -math.inf, 0, 0

@@ -67,15 +67,9 @@ class RunOptions:
     watch: Annotated[bool, Option("--watch", help="Apply edits of the tree file during the run.")] = False
     live_port: int | None = None
     overwrite: Annotated[bool, Option("--overwrite", help="Replace the file of --log if it exists.")] = False
-    person: Annotated[
-        str | None,
-        Option(help=PERSON_HELP),
-    ] = None
+    person: Annotated[str | None, Option(help=PERSON_HELP)] = None
     inject: Annotated[str | None, Option(help="FAULT@STATE: inject a fault when the work reaches a state.")] = None
-    look: Annotated[
-        str | None,
-        Option(help=LOOK_HELP),
-    ] = None
+    look: Annotated[str | None, Option(help=LOOK_HELP)] = None
     nodes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
     entries: Mapping[str, Any] = field(default_factory=dict)
@@ -88,8 +82,7 @@ class RunOptions:
         ),
     ] = None
     work_orders: Annotated[
-        Path | None,
-        Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run."),
+        Path | None, Option(metavar="FILE", help="Work orders, a JSON object a line; the file may grow during the run.")
     ] = None
     book: Annotated[
         Path | None,

@@ -42,14 +42,7 @@ class CellServer(WebServer):
         InputError: the port is taken, or a TLS file cannot be used.
     """
 
-    def __init__(
-        self,
-        where: Address,
-        settings: PageSettings,
-        control: CellControl,
-        paired: Paired,
-        name: str,
-    ) -> None:
+    def __init__(self, where: Address, settings: PageSettings, control: CellControl, paired: Paired, name: str) -> None:
         self._control, self._paired, self._name = control, paired, name
         self._launcher, self._book = control.launcher, control.book
         routes = [

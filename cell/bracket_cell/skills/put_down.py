@@ -134,10 +134,7 @@ class PutBack(PhasedSkill):
             return put_lying_back(planner, self.part, observation, self.tray_parts)
         kind = planner.product.parts[self.part]
         tray = planner.bench.tray
-        obstacles = (
-            *bracket_boxes(planner, seen_in_holes(observation)),
-            *tray_boxes(planner, self.tray_parts),
-        )
+        obstacles = (*bracket_boxes(planner, seen_in_holes(observation)), *tray_boxes(planner, self.tray_parts))
         held = PartDetection(self.part, 1.0, Pose(tray.centre_m), kind.size_m, (0, 0, 0, 0))
         hold = present_hold(planner, self.part, observation)
         reason: str = Message("no free spot in the tray for {part}", part=self.part)

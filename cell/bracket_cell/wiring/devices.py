@@ -152,11 +152,7 @@ def _our_driver(role: str, device: Any) -> type:
 
 
 def examined(
-    configuration: Configuration,
-    drivers: Drivers,
-    product: Product,
-    forward: Callable[[Any], Any],
-    slower: float = 1.0,
+    configuration: Configuration, drivers: Drivers, product: Product, forward: Callable[[Any], Any], slower: float = 1.0
 ) -> Iterator[DeviceCheck]:
     """What a look at each real device shows; nothing moves. Devices of one's own have a static function `examine`.
 

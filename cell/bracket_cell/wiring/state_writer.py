@@ -14,13 +14,7 @@ import numpy as np
 from bracket_cell.wiring.records import hints_of, name_of
 
 # Packages whose objects a run and its replay both have.
-OWN = (
-    "bracket_ground",
-    "btxml",
-    "bracket_cell",
-    "bracket_sim",
-    "bracket_lab",
-)
+OWN = ("bracket_ground", "btxml", "bracket_cell", "bracket_sim", "bracket_lab")
 LISTS: dict[str, Any] = {"tuple": tuple, "set": set, "frozenset": frozenset, "deque": deque, "list": list}
 KEPT = {"kept": True}
 

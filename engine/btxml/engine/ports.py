@@ -239,12 +239,7 @@ class InOutPort(Port, Generic[T]):
     """A port that a node reads and writes."""
 
     def __init__(
-        self,
-        kind: type[T],
-        meaning: str = "",
-        default: str = UNSET,
-        name: str | None = None,
-        unset_ok: bool = False,
+        self, kind: type[T], meaning: str = "", default: str = UNSET, name: str | None = None, unset_ok: bool = False
     ) -> None:
         super().__init__(kind, meaning, default, False, name)
         self.unset_ok = unset_ok

@@ -40,15 +40,7 @@ _TOKEN = re.compile(
 _ASSIGNMENTS = (":=", "=", "+=", "-=", "*=", "/=")
 # What people write who know other languages.
 _MEANT = {"and": "&&", "or": "||"}
-_LEVELS: tuple[Collection[str], ...] = (
-    ("||",),
-    ("&&",),
-    COMPARISONS,
-    ("|", "^"),
-    ("&",),
-    ("+", "-", ".."),
-    ("*", "/"),
-)
+_LEVELS: tuple[Collection[str], ...] = (("||",), ("&&",), COMPARISONS, ("|", "^"), ("&",), ("+", "-", ".."), ("*", "/"))
 
 
 class ScriptError(ValueError):

@@ -21,15 +21,7 @@ from bracket_ground.interfaces.gripper import DEFAULT as GRIPPER
 from bracket_ground.interfaces.gripper import NamedGripper, default_gripper
 from bracket_ground.interfaces.places import Mount
 from bracket_ground.interfaces.pose import Array
-from bracket_ground.interfaces.urdf import (
-    FLANGE,
-    chain_to,
-    finished,
-    mounted,
-    parsed,
-    solid_links,
-    turning_joints,
-)
+from bracket_ground.interfaces.urdf import FLANGE, chain_to, finished, mounted, parsed, solid_links, turning_joints
 
 PACKAGE = "package://"
 FOLDER = shipped("bracket_cell.config", "robots")

@@ -18,11 +18,7 @@ EVALUATIONS = {
         ("latency", "system:latency", "Measure the detectors' processor time for a frame."),
         ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
         ("reaches", "reaches:evaluate", "Score what a robot spares the person."),
-        (
-            "semantic",
-            "planners:evaluate_semantic_planner",
-            "Score the semantic planner.",
-        ),
+        ("semantic", "planners:evaluate_semantic_planner", "Score the semantic planner."),
         ("stacks", "stacks:evaluate_stacks", "Score planners of what lies on what."),
         ("system", "system:system", "Score whole assemblies by number of goals."),
     )

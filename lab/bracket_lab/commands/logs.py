@@ -8,14 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.log_terminal import (
-    LogArgument,
-    read,
-    say,
-    streamed,
-    tell_json,
-    tell_nothing,
-)
+from bracket_cell.commands.log_terminal import LogArgument, read, say, streamed, tell_json, tell_nothing
 from bracket_cell.commands.options import JsonOption
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log

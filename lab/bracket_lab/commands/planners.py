@@ -24,8 +24,7 @@ from bracket_lab.wiring.drawn_frames import tray_camera
 
 @command_from(Shared, "kind", "weights", "seed", "config", "as_json")
 def evaluate_grasp_planner(
-    shared: Shared,
-    scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000,
+    shared: Shared, scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000
 ) -> None:
     """Score the grasp planner. Kinds: pairwise, paper, rule, always."""
     product = product_of(shared.config)

@@ -46,8 +46,7 @@ class TrainOptions:
         bool, Option("--curve", help="With parts: learn from a quarter and half of the pictures too, to compare.")
     ] = False
     begin: Annotated[
-        str | None,
-        Option(metavar="shipped|FILE", help="With hands: go on with weights that were trained before."),
+        str | None, Option(metavar="shipped|FILE", help="With hands: go on with weights that were trained before.")
     ] = None
     recorded: Annotated[
         Path | None, Option(help="Folder of `cell log export --to training`: learn from these runs too.")

@@ -15,17 +15,7 @@ from bracket_cell.learned.hands.regions import POINTS
 from bracket_cell.learned.records import Box
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import write_new, write_whole
-from bracket_lab.pictures.labels import (
-    COVERED,
-    EMPTY,
-    HAND,
-    HOLE,
-    IMAGES,
-    LabelFolder,
-    PictureLabels,
-    Size,
-    categories,
-)
+from bracket_lab.pictures.labels import COVERED, EMPTY, HAND, HOLE, IMAGES, LabelFolder, PictureLabels, Size, categories
 
 HOLE_PX = 12.0  # half the side of the box that stands for a hole
 VOC = "voc:"  # before a folder's name

@@ -13,17 +13,7 @@ from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow, mist
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.product import Product
 from bracket_lab.pictures.foreign import SHARES, ForeignBox, read_foreign
-from bracket_lab.pictures.labels import (
-    COVERED,
-    EMPTY,
-    HAND,
-    HOLE,
-    LabelFolder,
-    PictureLabels,
-    Size,
-    categories,
-    fit_of,
-)
+from bracket_lab.pictures.labels import COVERED, EMPTY, HAND, HOLE, LabelFolder, PictureLabels, Size, categories, fit_of
 
 SAME_SHAPE, OUTSIDE = 0.02, 0.005  # shares by which shapes of one picture may differ, and boxes reach over its edge
 NEAREST_PX = 12.0  # from the middle of a box to the hole that it is of

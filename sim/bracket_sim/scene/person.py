@@ -310,11 +310,7 @@ _ORDINARY = Person(
     pause_s=(0.0, 1.5),
     motion=MotionSettings(speed_spread=0.2, bow=0.08),
     grip=Grip(
-        tilt_rad=(0.0, 0.35),
-        roll_rad=(-0.06, 0.06),
-        curl_rad=(-0.6, 0.35),
-        open_m=(0.010, 0.018),
-        thumb_m=0.105,
+        tilt_rad=(0.0, 0.35), roll_rad=(-0.06, 0.06), curl_rad=(-0.6, 0.35), open_m=(0.010, 0.018), thumb_m=0.105
     ),
     storage=Storage(bins="permuted", mixed=0.5, elsewhere=0.15, handed_over=0.15, from_tray=0.05),
     lapses=Lapses(holds=0.25, hesitates=0.1, regrips=0.08, wrong_part=0.03, takes_away=0.04),

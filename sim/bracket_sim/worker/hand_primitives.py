@@ -310,10 +310,7 @@ class HandPrimitives:
         yield from self.reach(*self._hand_for(body, before_m), haste=STEADY)
         yield from self.wait(LOOK_S)
         yield from self.reach(*self._hand_for(body, before_m), haste=CAREFUL)
-        yield from self.reach(
-            *self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])),
-            haste=CAREFUL,
-        )
+        yield from self.reach(*self._hand_for(body, target_m - np.array([0.0, 0.0, PRESS_M])), haste=CAREFUL)
         if self._sight.part(body).pose.position_m[2] > target_m[2] + NOT_IN_M:
             yield from self._search()
 

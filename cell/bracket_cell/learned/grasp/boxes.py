@@ -117,10 +117,7 @@ def sliding_distance_m(first: Boxes, second: Boxes, direction: Array, gap_m: Arr
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     turned = np.stack([np.stack([cos, sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
     distances = []
-    for yaw, own, other in (
-        (first.yaw_rad, half_first, half_second),
-        (second.yaw_rad, half_second, half_first),
-    ):
+    for yaw, own, other in ((first.yaw_rad, half_first, half_second), (second.yaw_rad, half_second, half_first)):
         axes = np.stack([np.stack([np.cos(yaw), np.sin(yaw)], 1), np.stack([-np.sin(yaw), np.cos(yaw)], 1)], axis=1)
         along = np.abs(np.einsum("nij,nj->ni", axes, direction))
         reach = own + np.einsum("nij,nj->ni", turned, other)

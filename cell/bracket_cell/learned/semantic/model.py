@@ -51,11 +51,7 @@ class Answer:
 
 
 def load_semantic_planner(
-    kind: str,
-    weights: Path,
-    product: Product,
-    goals: OpenGoals | None = None,
-    confusions: Confusions | None = None,
+    kind: str, weights: Path, product: Product, goals: OpenGoals | None = None, confusions: Confusions | None = None
 ) -> FactoredPlanner | BayesPlanner:
     """The planner of a file of weights.
 
@@ -129,11 +125,7 @@ class FactoredPlanner(LearnedPlanner):
     """Learned slots and habits with exact inference under noise; guidance is a template over the slots."""
 
     def __init__(
-        self,
-        product: Product,
-        model: Network,
-        goals: OpenGoals | None = None,
-        confusions: Confusions | None = None,
+        self, product: Product, model: Network, goals: OpenGoals | None = None, confusions: Confusions | None = None
     ) -> None:
         super().__init__(product, model)
         goals = goals or OpenGoals.of(product)

@@ -167,10 +167,7 @@ class Replay:
             raise LogError(self.log.path, f"holds the state of another tree; it lacks {', '.join(anew)}")
 
     def run(
-        self,
-        from_s: float = 0.0,
-        until_s: float = float("inf"),
-        watch: Callable[[Step], bool | None] = lambda _: None,
+        self, from_s: float = 0.0, until_s: float = float("inf"), watch: Callable[[Step], bool | None] = lambda _: None
     ) -> Comparison:
         """Tick all logged ticks up to a time, comparing from another time on; once for each Replay.
 

@@ -35,12 +35,7 @@ WORDS, APART_MM = ("gACT", "gGTO", "gSTA", "gPR"), 6.0  # by which statuses of t
 FLIPS, FLIPS_S = 2, 2.0  # so often within this time: one may be a command that was taken back
 ECHOES_S = 0.1  # until when a status may echo a request that another one has followed: two ticks, and a status period
 ECHO = (("gACT", "rACT"), ("gGTO", "rGTO"), ("gPR", "rPR"))
-NODE_STATES: Mapping[int, NodeState] = {
-    0x00: "boot_up",
-    0x04: "stopped",
-    0x05: "operational",
-    0x7F: "pre_operational",
-}
+NODE_STATES: Mapping[int, NodeState] = {0x00: "boot_up", 0x04: "stopped", 0x05: "operational", 0x7F: "pre_operational"}
 
 
 @dataclass(frozen=True)

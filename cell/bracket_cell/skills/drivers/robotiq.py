@@ -144,11 +144,7 @@ class RegisterGripper:
     """
 
     def __init__(
-        self,
-        settings: FingerSettings,
-        clock: Clock,
-        open_wire: Callable[[], Wire],
-        robot: RobotModel | None = None,
+        self, settings: FingerSettings, clock: Clock, open_wire: Callable[[], Wire], robot: RobotModel | None = None
     ) -> None:
         gripper = default_gripper() if robot is None else robot.gripper
         if gripper.fingers is None:

@@ -418,8 +418,7 @@ EXAMINERS: Mapping[type[Model], str] = {
     RobotiqModbusSettings: "bracket_cell.skills.drivers.robotiq:examine",
     RobotiqUrcapSettings: "bracket_cell.skills.drivers.robotiq:examine",
     **dict.fromkeys(
-        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings),
-        "bracket_cell.skills.drivers.cameras:examine",
+        (V4l2Settings, StreamSettings, FileSettings, RealsenseSettings), "bracket_cell.skills.drivers.cameras:examine"
     ),
     Ros2CameraSettings: "bracket_cell.plant.ros_camera:examine",
     Ros2ArmSettings: "bracket_cell.plant.ros_arm:examine",

@@ -272,8 +272,7 @@ def _turns(bench: Bench, names: Sequence[str], joints_rad: Array) -> DeviceCheck
         return DeviceCheck("arm: no joint is a turn away from the pose park")
     told = ", ".join(f"{name} by {math.degrees(angle):+.0f} degrees" for name, angle in away.items())
     return DeviceCheck(
-        f"arm: away from the pose park: {told}",
-        "turn it back by hand in free drive, or `cell setup teach park` anew",
+        f"arm: away from the pose park: {told}", "turn it back by hand in free drive, or `cell setup teach park` anew"
     )
 
 

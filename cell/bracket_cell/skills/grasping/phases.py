@@ -193,10 +193,7 @@ class Activate:
             self._deadline_s = observation.worked_s + ACTIVATION_TIMEOUT_S
         if self._deadline_s is not None and observation.worked_s > self._deadline_s:
             return failed(
-                Message(
-                    "the gripper did not finish its activation in {timeout_s} s",
-                    timeout_s=ACTIVATION_TIMEOUT_S,
-                )
+                Message("the gripper did not finish its activation in {timeout_s} s", timeout_s=ACTIVATION_TIMEOUT_S)
             )
         return Progress(SkillStatus.RUNNING, "activating the gripper")
 

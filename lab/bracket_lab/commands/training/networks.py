@@ -137,16 +137,7 @@ def parts(asked: Training, weights: Path) -> Scores:
             asked, scenes, product, floor_m, centre_net(weights), weights, epochs=asked.epochs or STACK_EPOCHS
         )
     command = asked.command("parts", epochs=epochs)
-    facts = train_parts(
-        scenes,
-        product,
-        floor_m,
-        weights,
-        asked.seed,
-        epochs=epochs,
-        command=command,
-        quiet=False,
-    )
+    facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
     told = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
     return {**facts, **told, **beside(asked, "parts", weights, kept, scenes)}
 

@@ -44,8 +44,7 @@ class Training:
 
     kind: Annotated[str, Option(help="Kind of network.")] = ""
     data: Annotated[
-        list[Path] | None,
-        Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default."),
+        list[Path] | None, Option(help="Data to learn from, a folder or a file; may be repeated. Made anew by default.")
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="Learn from simulated data beside those of --data.")] = False
     curve: Annotated[bool, Option("--curve", help="With --data: learn from fewer pictures too, to compare.")] = False

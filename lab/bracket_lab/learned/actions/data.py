@@ -13,15 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.actions.segments import (
-    CROP_PX,
-    TIPS,
-    UNKNOWN_HAND,
-    Floats,
-    Images,
-    SegmentReader,
-    opening_m,
-)
+from bracket_cell.learned.actions.segments import CROP_PX, TIPS, UNKNOWN_HAND, Floats, Images, SegmentReader, opening_m
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, Classes
 from bracket_cell.learned.records import EXPORT, SampleRow, SegmentRow, TrueAction, read_rows
 from bracket_ground.errors import InputError

@@ -48,10 +48,7 @@ def feature_count(product: Product, crops: bool = False) -> int:
 
 
 def scene_graph(
-    parts: Sequence[PartDetection],
-    required: Sequence[int],
-    product: Product,
-    crops: bool = False,
+    parts: Sequence[PartDetection], required: Sequence[int], product: Product, crops: bool = False
 ) -> SceneGraph:
     """The graph of all detections; every required part has its flag.
 

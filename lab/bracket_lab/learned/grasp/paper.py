@@ -75,14 +75,7 @@ class PaperNet(nn.Module):
         crops: makes the embeddings among the nodes' features; None for a network that has none.
     """
 
-    def __init__(
-        self,
-        types: int,
-        hidden: int,
-        layers: int,
-        features: int = 0,
-        crops: bool = False,
-    ) -> None:
+    def __init__(self, types: int, hidden: int, layers: int, features: int = 0, crops: bool = False) -> None:
         super().__init__()
         self.types = types
         self.crops = CropNet(types) if crops else None
@@ -241,11 +234,7 @@ class GraphData:
         return torch.cat([nodes, embedding], dim=-1)
 
 
-def graph_data(
-    scenes: Sequence[Scene],
-    product: Product,
-    maps: Sequence[Maps] | None = None,
-) -> GraphData:
+def graph_data(scenes: Sequence[Scene], product: Product, maps: Sequence[Maps] | None = None) -> GraphData:
     """Graphs from the detections and the footprints around them, labels from the truth."""
     shape, names = (len(scenes), MAX_PARTS), list(product.parts)
     nodes = np.zeros((*shape, feature_count(product)), np.float32)

@@ -69,12 +69,7 @@ def draw_scenes(
     for index in range(count):
         rng = np.random.default_rng([seed, _SPLIT_CODES[split], index])
         boxes = _draw_boxes(product, rng, settings, sizes or settings.parts)
-        yield Scene(
-            boxes,
-            touching(boxes, settings.outline),
-            observe(boxes, rng, settings.noise),
-            settings.noise,
-        )
+        yield Scene(boxes, touching(boxes, settings.outline), observe(boxes, rng, settings.noise), settings.noise)
 
 
 def standing_boxes(product: Product, parts: Sequence[tuple[str, Pose]]) -> Boxes:

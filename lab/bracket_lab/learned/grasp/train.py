@@ -111,11 +111,7 @@ def pair_data(scenes: Sequence[Scene], product: Product) -> PairData:
 
 def _perceptron(hidden: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Linear(PAIR_FEATURES, hidden),
-        nn.SiLU(),
-        nn.Linear(hidden, hidden),
-        nn.SiLU(),
-        nn.Linear(hidden, 1),
+        nn.Linear(PAIR_FEATURES, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 1)
     )
 
 

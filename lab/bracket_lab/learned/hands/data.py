@@ -200,12 +200,7 @@ def _taken_by(setup: CameraSetup, path: Path) -> Image:
 
 
 def _sample(
-    regions: Regions,
-    view: View,
-    frame: int,
-    centre: Array,
-    hand: HandRow | None,
-    types: Sequence[str],
+    regions: Regions, view: View, frame: int, centre: Array, hand: HandRow | None, types: Sequence[str]
 ) -> _Sample:
     """One row: a hand, or, with None, a place without one."""
     points, box = np.full((len(POINTS), 2), np.nan, np.float32), np.zeros(4, np.float32)

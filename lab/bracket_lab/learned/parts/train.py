@@ -113,11 +113,7 @@ PoseSample = tuple[NDArray[np.float32], int, NDArray[np.float32]]
 
 
 def pose_sample(
-    thing: tuple[Scene, Label],
-    product: Product,
-    floor_m: float,
-    settings: PoseTraining,
-    rng: np.random.Generator,
+    thing: tuple[Scene, Label], product: Product, floor_m: float, settings: PoseTraining, rng: np.random.Generator
 ) -> PoseSample:
     """A crop around where the centre net might see a thing, the type of a standing part, and how far off it is."""
     (scene, label), types = thing, tuple(product.parts)

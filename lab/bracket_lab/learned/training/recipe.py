@@ -152,10 +152,7 @@ def checkpoint_of(out: Path) -> Path:
 
 
 def on_examples(
-    examples: Sequence[Example],
-    loss: Callable[[list[Example]], Tensor],
-    schedule: Schedule,
-    rng: np.random.Generator,
+    examples: Sequence[Example], loss: Callable[[list[Example]], Tensor], schedule: Schedule, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Of a recipe: batches of examples, in another order in every epoch, by a schedule.
 

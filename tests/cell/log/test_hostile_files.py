@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from mcap.records import Attachment
 
 from bracket_cell.commands.main import main
+from bracket_cell.log.replay.logged_tree import CONFIGURATION
 from tests.cell.log.hostile import EDITS
 from tests.cell.log.hostile_files import NAMES, Contents, beginning, lying, write
 
@@ -109,6 +110,19 @@ def test_an_attachment_of_any_name_ends_in_a_line(
     assert folder.call(("replay", LOG)) in (1, 2)  # a file beside that nothing reads is harmless
     *_, last = capsys.readouterr().err.strip().splitlines()
     assert last.startswith(("cell: ", "identical", "differs"))
+
+
+@pytest.mark.parametrize("text", [b"product: " + b"[" * 50_000 + b"]" * 50_000, b"- 1\n", b"", bytes(range(256))])
+def test_a_file_of_the_log_is_told_by_the_logs_name(
+    folder: Folder, text: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed = [
+        Attachment(one.create_time, one.log_time, one.name, one.media_type, text) if one.name == CONFIGURATION else one
+        for one in folder.sound.attachments
+    ]
+    write(folder.log, Contents(changed, folder.sound.metadata, folder.sound.messages))
+    assert folder.call(("replay", LOG)) == 2
+    assert capsys.readouterr().err.strip().splitlines()[-1].startswith(f"cell: {folder.log}: {CONFIGURATION}:")
 
 
 @pytest.mark.long

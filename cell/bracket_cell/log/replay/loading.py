@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -56,7 +57,8 @@ def load(
         InputError, ModelError: a changed file cannot be used.
     """
     try:
-        return _load(log, changes, edited)
+        with tempfile.TemporaryDirectory(prefix="cell-replay-") as name, _files_of(log, name):
+            return _load(log, changes, edited, Path(name))
     except InputError as error:
         if not (missing := nodes_missing(log, changes.nodes)):
             raise
@@ -64,37 +66,46 @@ def load(
         raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
 
 
+@contextmanager
+def _files_of(log: Log, folder: str) -> Iterator[None]:
+    """Problems in files of a log are told by its name, not by that of the folder where they were for a moment."""
+    try:
+        yield
+    except InputError as error:
+        if folder not in str(error):
+            raise
+        raise InputError(str(error).replace(f"{folder}/", f"{log.path}: ")) from None
+
+
 def _load(
-    log: Log, changes: Changes, edited: Mapping[str, str]
+    log: Log, changes: Changes, edited: Mapping[str, str], folder: Path
 ) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
-    with tempfile.TemporaryDirectory(prefix="cell-replay-") as name:
-        folder = Path(name)
-        _unpack(log, folder)
-        write_files(log, {file: text.encode() for file, text in edited.items()}, folder)
-        if changes.configuration is None:
-            configuration = load_configuration(folder / "configuration.yaml")
-            product = load_yaml(folder / "product.yaml", Product)
-            _refuse_classes(log, configuration)
-        else:
-            configuration = load_configuration(changes.configuration)
-            product = load_product(configuration, changes.configuration)
-        registry = node_registry(product, changes.nodes, configuration)
-        tree = (
-            load_tree(changes.tree, registry, None, {}, changes.beside)
-            if changes.tree
-            else recorded_tree(log, folder, registry)
-        )
-        recorded = folder / "faults.yaml"
-        own = changes.configuration is None and recorded.exists()
-        try:
-            faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
-        except WRONG as error:
-            raise LogError(
-                log.path, f"has a table of faults that cannot be read: {type(error).__name__}: {error}"
-            ) from None
-        configuration, _ = with_detectors_for(configuration, product)  # as the run had it
-        configuration = _with_weights(log, configuration, changes)
-        return configuration, product, load_planners(configuration, product), tree, faults
+    _unpack(log, folder)
+    write_files(log, {file: text.encode() for file, text in edited.items()}, folder)
+    if changes.configuration is None:
+        configuration = load_configuration(folder / "configuration.yaml")
+        product = load_yaml(folder / "product.yaml", Product)
+        _refuse_classes(log, configuration)
+    else:
+        configuration = load_configuration(changes.configuration)
+        product = load_product(configuration, changes.configuration)
+    registry = node_registry(product, changes.nodes, configuration)
+    tree = (
+        load_tree(changes.tree, registry, None, {}, changes.beside)
+        if changes.tree
+        else recorded_tree(log, folder, registry)
+    )
+    recorded = folder / "faults.yaml"
+    own = changes.configuration is None and recorded.exists()
+    try:
+        faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
+    except WRONG as error:
+        raise LogError(
+            log.path, f"has a table of faults that cannot be read: {type(error).__name__}: {error}"
+        ) from None
+    configuration, _ = with_detectors_for(configuration, product)  # as the run had it
+    configuration = _with_weights(log, configuration, changes)
+    return configuration, product, load_planners(configuration, product), tree, faults
 
 
 def _refuse_classes(log: Log, configuration: Configuration) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from bracket_sim.cell import SimCell
+from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.person import BesideRobot, Person, ScrewHabits
 from bracket_sim.scene.settings import SimSettings
+from bracket_sim.worker.going_round import WAITS_S, YIELDS_N, GoingRound
 from bracket_sim.worker.handing import Giver
 
 BESIDE = Person(robot=BesideRobot(waits=0.0), screw=ScrewHabits(probability=0.0, unscrewed_limit=9))
@@ -51,11 +55,27 @@ def wait(cell: SimCell, for_s: float) -> None:
 
 
 def test_the_bracket_is_filled_beside_an_arm_that_stands_there_and_nothing_hits_it(cell: SimCell) -> None:
-    wait(cell, 50.0)
+    wait(cell, WAITS_S)
     assert cell.contacts is not None
     assert cell.worker is not None
+    assert not cell.contacts.all(), "who has no way round waits, longer than an arm offers or asks for a part"
+    wait(cell, 100.0)
     placed = sum(event.kind == "assembly" and event.edge == "end" for event in cell.worker.events)
     assert placed >= 3
     touches = cell.contacts.all()
     assert touches, "one of the holes is behind the arm"
     assert max(contact.force_n for contact in touches) < CLAMPED_N
+
+
+def test_a_hand_that_came_off_the_arm_is_not_thrown_at_it_again(cell: SimCell) -> None:
+    """A touch that flickers, commanded far ahead in between, hits harder each time."""
+    hand = SimpleNamespace(touches_robot=False, position_m=np.zeros(3), stiffness_n_m=8000.0)
+    assert cell.worker is not None
+    going = GoingRound(cast(Hand, hand), cell.worker._sight, 0.0, minds=False)
+    wanted_m, ahead_m = np.array([-0.06, 0.0, 0.0]), list[float]()
+    for period in range(100):
+        hand.touches_robot = 10 <= period < 50 and period % 2 == 0
+        going.update(wanted_m, 0.0, 0.008, meant=False, room=True, waits=False)
+        ahead_m.append(float(np.linalg.norm(going.goes_to(wanted_m, gently=True))))
+    assert ahead_m[0] == ahead_m[99] == 0.06
+    assert max(ahead_m[10:80]) * hand.stiffness_n_m <= YIELDS_N + 1e-6

@@ -84,7 +84,7 @@ class HandPrimitives:
         self._hand = hand
         self._round = GoingRound(hand, sight, turned_rad, minds_arm)
         self._meant = self.forceful = False
-        self._room = True  # for the hand where it is going
+        self._room, self._waits = True, False  # for the hand where it is going; it waits for that
         self._sight = sight
         self._product = product
         self._rng, self._chance = rng, chance
@@ -111,7 +111,7 @@ class HandPrimitives:
         """Command the hand."""
         grasp = self._gripping.style.grasp
         meant = self._meant or self.forceful
-        self._round.update(self.position_m, self.yaw_rad, self.dt_s, meant=meant, room=self._room)
+        self._round.update(self.position_m, self.yaw_rad, self.dt_s, meant=meant, room=self._room, waits=self._waits)
         goal_m = self._round.goes_to(self.position_m, not self.forceful)
         self._hand.command(goal_m, self.yaw_rad, self.gap_m, *self.wrist_rad, tool=self.tool_out, grasp=grasp)
 
@@ -144,13 +144,16 @@ class HandPrimitives:
     ) -> Script:
         """One reach; wrist and fingers move along with it. It takes as long as is drawn, or as it is told.
 
-        An arm that stands where the hand is going is waited for, but not for ever.
+        An arm that stands where the hand is going is waited for, out of its way, but not for ever.
         """
         goes, waited_s = self.yaw_rad if yaw_rad is None else yaw_rad, 0.0
+        if not self._room and self._round.in_the_way(self.position_m, self.yaw_rad):
+            waited_s = WAITS_S
         while not (self._meant or self.forceful) and waited_s < WAITS_S and self._round.in_the_way(target_m, goes):
             waited_s += self.dt_s
+            self._room = self._waits = True
             yield
-        self._room = waited_s < WAITS_S
+        self._room, self._waits = waited_s < WAITS_S, False
         path = plan_reach(self.position_m, target_m, self._motion, self._rng, arch_m=arch_m, haste=haste)
         if duration_s is not None:
             path = replace(path, duration_s=max(duration_s, self.dt_s), skew=0.0)

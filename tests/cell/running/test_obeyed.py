@@ -15,11 +15,12 @@ from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
 from bracket_cell.skills.motion.planner import Load
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
 from bracket_ground.interfaces.faults import Action, Judgement
-from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
+from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import Action as SeenAction
 from bracket_ground.interfaces.perception import BenchView
 from bracket_sim.faults.signal_faults import ANY, Kind, SignalFault
+from tests.cell.fakes import arm_monitor
 from tests.cell.path_arm import PathArm
 from tests.integration.cell_rig import motion_planner
 
@@ -174,6 +175,26 @@ def test_an_arm_that_moves_although_nothing_was_ordered_is_stopped() -> None:
         "arm_not_obeying",
         bench.judged[-1].words.split(";")[0],
     )
+
+
+def told_by_a_standing_arm(ticks: int, path: JointTrajectory | None, moving: bool) -> str:
+    """What is wrong with an arm that stays where it is and tells a speed for so many ticks."""
+    monitor, rest = arm_monitor(), (0.0,) * 5
+    for tick in range(ticks + 5):
+        speeds = (*rest, -0.49) if tick >= 5 else (*rest, 0.0)
+        now_s = tick * TICK_S
+        place_rad = (*rest, 0.001 * (tick % 2))
+        monitor.see(now_s, ArmState(now_s, place_rad, speeds, moving, path_s=now_s if moving else None), 1.0, path)
+        if monitor.implausible:
+            return monitor.implausible
+    return ""
+
+
+def test_a_standing_arm_that_shakes_because_it_is_rammed_is_no_liar() -> None:
+    """Its place hardly changes, and the speed at the instant of a sample says little: the run goes on."""
+    assert told_by_a_standing_arm(10, None, moving=False) == ""
+    assert "tells -0.49 rad/s" in told_by_a_standing_arm(25, None, moving=False)
+    assert "tells -0.49 rad/s" in told_by_a_standing_arm(4, way(), moving=True)
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,8 @@ class ArmLimits:
         speed_off_rad_s: [rad/s] by which reported speeds differ from measured ones.
         speed_off: share by which they differ.
         speeds_off: [states] in a row that differ by more.
+        shakes_rad: [rad] within which an arm that stands shakes where it is rammed.
+        rammed_off: [states] that differ meanwhile.
     """
 
     brakes_at_least: float = 0.8
@@ -65,6 +67,8 @@ class ArmLimits:
     speed_off_rad_s: float = 0.1
     speed_off: float = 0.15
     speeds_off: int = 3
+    shakes_rad: float = 0.01
+    rammed_off: int = 24
 
 
 ARM = ArmLimits()
@@ -128,10 +132,12 @@ class ArmMonitor:
     _still_s: float = field(default=math.inf, init=False)
     _anchor: Array | None = field(default=None, init=False)
     _mismatches: NDArray[np.int64] = field(init=False)
+    _from_rad: Array = field(init=False)  # where each joint was as its mismatches began
 
     def __post_init__(self) -> None:
         self._names = self.robot.joints
         self._mismatches = np.zeros(len(self._names), dtype=np.int64)
+        self._from_rad = np.zeros(len(self._names))
         self._limits_rad = self.robot.limits_rad + np.array([[-ARM.range_slack_rad], [ARM.range_slack_rad]])
         self._speed_rad_s = np.array(self.robot.speed_rad_s) * ARM.speed_slack
         self._acceleration_rad_s2 = np.array(self.robot.acceleration_rad_s2)
@@ -343,10 +349,13 @@ class ArmMonitor:
         measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(ARM.speed_off_rad_s, ARM.speed_off * np.maximum(np.abs(measured), np.abs(told)))
         off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
+        self._from_rad = np.where(self._mismatches == 0, before.positions_rad, self._from_rad)
         self._mismatches = np.where(off * self._mismatches > 0, self._mismatches, 0) + off
-        if np.abs(self._mismatches).max() < ARM.speeds_off:
+        shakes = (np.abs(positions - self._from_rad) <= ARM.shakes_rad) & (self._rate == 0 or not arm.moving)
+        left = np.where(shakes, ARM.rammed_off, ARM.speeds_off) - np.abs(self._mismatches)
+        joint = int(left.argmin())
+        if left[joint] > 0:
             return ""
-        joint = int(np.abs(self._mismatches).argmax())
         return Message(
             "{joint} moves at {measured} rad/s and tells {told} rad/s",
             joint=self._names[joint],

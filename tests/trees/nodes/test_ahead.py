@@ -8,13 +8,14 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
+from bracket_cell.trees.nodes.handing import PartIsNeeded
 from bracket_cell.trees.nodes.services import Services
-from bracket_ground.interfaces.perception import Action, HandSample
+from bracket_ground.interfaces.perception import Action, HandSample, HoleView
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
 from btxml.engine.status import Status
 from btxml.testing import alone
 from tests import ROOT
-from tests.trees.nodes.rig import BENCH, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
+from tests.trees.nodes.rig import BENCH, EMPTY_HOLES, HOLDING, PRODUCT, SURE, hand_at, see, seen_parts, services
 
 IDLE, TRANSIT = Action("idle", 1.0), Action("transit", 1.0)
 ONE_O1_TWO_O2 = AssemblyState({"p1": "o1", "p2": "o1", "p4": "o3"})
@@ -205,6 +206,14 @@ def test_a_part_in_the_gripper_is_kept_as_long_as_it_is_needed() -> None:
     assert node.update() is Status.SUCCESS
     node.state.entry.value = AssemblyState({"p5": "o3"})  # type: ignore[union-attr]
     assert node.update() is Status.FAILURE
+
+
+@pytest.mark.parametrize(("seen", "status"), [("o2", Status.SUCCESS), ("o3", Status.FAILURE)])
+def test_nobody_is_offered_what_the_holes_show_to_be_there(seen: str, status: Status) -> None:
+    at = services()
+    assert alone(PartIsNeeded("needed"), at, part="o3").update() is Status.FAILURE, "nobody sees the bracket"
+    see(at, 1.0, holes={**EMPTY_HOLES, "p5": HoleView(seen, 0.99, 1.0)})
+    assert alone(PartIsNeeded("needed"), at, part="o3").update() is status
 
 
 def test_the_tray_is_believed_for_a_while_after_a_look() -> None:

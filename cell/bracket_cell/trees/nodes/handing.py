@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bracket_cell.trees.nodes.ahead import remaining
 from bracket_cell.trees.nodes.poses import FramedPose, near_bracket, world_from_tool, world_pose
 from bracket_cell.trees.nodes.services import CellNode
 from bracket_cell.trees.nodes.skill_node import HELD, SkillNode
 from bracket_cell.trees.vocabulary import Hole, Part
+from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.memory import NEVER_S
+from bracket_ground.interfaces.planning import AssemblyState
 from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.skill import Skill
 from btxml.engine.errors import NodeError
@@ -20,6 +23,26 @@ from btxml.engine.status import Status
 from btxml.engine.traits import Traits
 
 LEAST_PULL_N = 5.0  # less is what joints and cables do by themselves
+
+
+class PartIsNeeded(CellNode):
+    """Some product takes one more part of a type, beside those that the holes of the bracket show now."""
+
+    node_type = "Condition"
+    traits = Traits(instant=True)
+
+    part = InputPort(Part, "type of the part")
+
+    def update(self) -> Status:
+        bench, part = self.now.observation.bench, self.part.get()
+        if bench is None:
+            self.feedback_message = "the bracket is not seen"
+            return Status.FAILURE
+        placed = {hole: view.part for hole, view in bench.holes.items() if view.part is not None}
+        if remaining(self.services, AssemblyState(placed))[part] <= 0:
+            self.feedback_message = Message("no {part} is needed any more", part=part)
+            return Status.FAILURE
+        return Status.SUCCESS
 
 
 class HandOver(SkillNode):

@@ -79,3 +79,16 @@ def test_a_hand_that_came_off_the_arm_is_not_thrown_at_it_again(cell: SimCell) -
         ahead_m.append(float(np.linalg.norm(going.goes_to(wanted_m, gently=True))))
     assert ahead_m[0] == ahead_m[99] == 0.06
     assert max(ahead_m[10:80]) * hand.stiffness_n_m <= YIELDS_N + 1e-6
+
+
+@pytest.mark.parametrize(("robot", "touches"), [("finger_left", True), ("tool", False)])
+def test_a_part_in_the_fingers_of_the_robot_is_the_robot_for_a_hand_at_it(
+    cell: SimCell, monkeypatch: pytest.MonkeyPatch, robot: str, touches: bool
+) -> None:
+    """Pressed as if it were free, it was shoved out of the grip."""
+    model, part = cell.world.model, cell.world.bodies[0].name
+    hand, held, finger = (int(model.body(name).geomadr[0]) for name in ("hand", part, robot))
+    contact = SimpleNamespace(geom=np.array([[hand, held], [held, finger]]))
+    assert cell.worker is not None
+    monkeypatch.setattr(cell.worker.hand, "_data", SimpleNamespace(ncon=2, contact=contact))
+    assert cell.worker.hand.touches_robot is touches

@@ -213,6 +213,9 @@ def hand_rest_m(bench: Bench, person: Person = CAREFUL, turned_rad: float = 0.0)
     return x - ahead_m * math.cos(turned_rad), y - ahead_m * math.sin(turned_rad), z
 
 
+ROBOT_FINGERS, FREE_DOFS = ("finger_left", "finger_right"), 6  # of the robot; a part's own
+
+
 class Hand:
     """Commands and senses a hand of a compiled world: the first, or one of the further ones by its number."""
 
@@ -220,9 +223,13 @@ class Hand:
         self._data = data
         of = f"hand{number} " if number else ""
         self._human = not number
-        own = [model.body(model.geom_bodyid[geom]).name.startswith(of + "hand") for geom in range(model.ngeom)]
         touch = np.column_stack([model.geom_contype, model.geom_conaffinity])
-        self._skin = np.array(own) & (touch == palette.SKIN_TOUCH).all(axis=1)
+        bodies = [model.body(index) for index in range(model.nbody)]
+        self._of_geom = model.geom_bodyid
+        self._own = np.array([body.name.startswith(of + "hand") for body in bodies])
+        self._fingers = np.array([body.name in ROBOT_FINGERS for body in bodies])
+        self._loose = model.body_dofnum == FREE_DOFS
+        self._skin = self._own[model.geom_bodyid] & (touch == palette.SKIN_TOUCH).all(axis=1)
         self._rest_m: Array = model.body(of + "hand").pos.copy()
         self._body = int(model.body(of + "hand").id)
         self._palm_m: Array = model.geom_pos[model.body_geomadr[self._body]].copy()  # its first shape is the palm
@@ -264,8 +271,14 @@ class Hand:
 
     @property
     def touches_robot(self) -> bool:
-        """Whether the robot itself, not a part in its fingers, is at the skin."""
-        return bool(self._data.ncon) and bool(self._skin[self._data.contact.geom].any())
+        """Whether the robot is at the skin, or a part that its fingers touch is at the hand."""
+        if not self._data.ncon:
+            return False
+        geoms = self._data.contact.geom
+        bodies = self._of_geom[geoms]
+        at_hand, at_fingers = (bodies[of[bodies].any(axis=1)] for of in (self._own, self._fingers))
+        held = np.intersect1d(at_hand, at_fingers)
+        return bool(self._skin[geoms].any()) or bool(self._loose[held].any())
 
     @property
     def speed_m_s(self) -> float:

@@ -17,7 +17,6 @@ from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.configuration import Configuration, load_configuration, load_product, located, simulated
 from bracket_cell.device_settings import OwnDevice
 from bracket_cell.plugins import found_by
-from bracket_cell.remote import priority
 from bracket_cell.runs.options import GOAL_HELP, LOOK_HELP, PERSON_HELP
 from bracket_cell.skills.drivers.settings import Ros2ArmSettings, Ros2CameraSettings, Ros2GripperSettings
 from bracket_cell.wiring.devices import find_drivers
@@ -67,8 +66,7 @@ def twin(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     try:
-        with priority.preferred():
-            wires = cell.serve()
+        wires = cell.serve()
         door = ControlDoor(cell, at)
         for wire in wires:
             console().print(wire.told, highlight=False, soft_wrap=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
+from bracket_cell.remote import priority
 from bracket_ground.errors import InputError
 from bracket_sim.cell import SimCell
 from bracket_sim.devices.pacing import Pacer
@@ -161,6 +162,10 @@ class TwinCell:
         self.sim.close()
 
     def _advance(self) -> None:
+        with priority.preferred():
+            self._keep_pace()
+
+    def _keep_pace(self) -> None:
         clock = self.sim.devices.clock
         began_s = time.monotonic() / self.slower - clock.now_s()
         pacer = self._pacer = Pacer(clock, self.period_s, began_s, lambda: time.monotonic() / self.slower)

@@ -30,7 +30,6 @@ def evaluate(
     pace: Annotated[
         float | None, Option(min=0.2, max=5, help="How fast the person moves: 2 for twice the usual speed.")
     ] = None,
-    true_track: Annotated[bool, Option("--true-track", help="Use a tracker without error.")] = False,
     quick: Annotated[
         bool,
         Option("--quick", help="Score only the last frames of segments, on the true track with a tracker's noise."),
@@ -56,9 +55,8 @@ def evaluate(
         scores = evaluate_segments(configuration, product, kinds[0], wanted, shared.weights)
         print_json({**told, "seeds": shared.seeds, **scores})
         return 0
-    tracker = "truth" if true_track else configuration.perception.chosen("hands").kind
-    told |= {"tracker": tracker, "physics": shared.physics, "cameras": shared.cameras.value}
     perception = configuration.perception
+    told |= {"tracker": perception.chosen("hands").kind, "physics": shared.physics, "cameras": shared.cameras.value}
     used = [*perception.files("hands").values(), *perception.files("holes").values()]
     used += [perception.with_detector("actions", kind).weights("actions") for kind in kinds if kind in TRAINABLE]
     used += [shared.weights] if shared.weights is not None else []
@@ -67,7 +65,6 @@ def evaluate(
     watch = partial(
         scoring.evaluate_actions,
         *(configuration, product, kinds),
-        true_track=true_track,
         physics=shared.physics,
         weights={} if shared.weights is None else {kinds[0]: shared.weights},
         calibrated=shared.cameras is Cameras.calibrated,

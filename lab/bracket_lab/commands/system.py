@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
 
@@ -18,15 +15,11 @@ from bracket_cell.fleet.engine import mapped
 from bracket_cell.kinds import DETECTORS
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import shipped
-from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.planning import weights_file
-from bracket_ground.interfaces.product import Product
 from bracket_lab.commands.shared import Cameras, Shared, share_words
 from bracket_lab.evaluations import system as scoring
 from bracket_lab.wiring.latency import answers_ms, latencies_ms, note_latencies
 
 KINDS = ("classical", "learned")
-UNTRAINED = ("slim", "paper")  # kinds of action detectors
 TREE = shipped("bracket_cell.trees", "assemble.xml")
 _SYSTEM = ("perception", "look", "person", "seeds", "cameras", "out", "workers", "scheduler", "config", "as_json")
 
@@ -115,9 +108,6 @@ def latency(
     note: Annotated[
         bool, Option("--note", help="Write the 95th percentiles onto the cards of the trained detectors.")
     ] = False,
-    untrained: Annotated[
-        str | None, Option(help="Time actions with an untrained network of this kind, such as paper.")
-    ] = None,
 ) -> None:
     """Measure the detectors' processor time for a frame, on one thread.
 
@@ -125,38 +115,12 @@ def latency(
     """
     configuration, product = shared.cell(person=False)
     configuration = detected_by(configuration, shared.perception)
-    if untrained is None:
-        found = latencies_ms(configuration, product, frames, trays, shared.seed)
-    elif note:
-        raise InputError("--note writes onto the cards of trained detectors; leave --untrained out")
-    else:
-        found = _untrained_ms(untrained, configuration, product, frames, trays, shared.seed)
+    found = latencies_ms(configuration, product, frames, trays, shared.seed)
     rows = {name: f"{each['p50_ms']} / {each['p95_ms']} ms" for name, each in found.items()}
-    words = configuration.perception.words + (f", actions {untrained} (weights not trained)" if untrained else "")
+    words = configuration.perception.words
     console().print(table(f"median / 95 %, {words}, {shared.look}", rows))
     if note:
         for path in note_latencies(configuration.perception, answers_ms(found)):
             console().print(f"noted in {path}", highlight=False)
     if shared.as_json:
         print_json({"look": shared.look, "perception": words, **found})
-
-
-def _untrained_ms(
-    kind: str, configuration: Configuration, product: Product, frames: int, trays: int, first_seed: int
-) -> dict[str, dict[str, float]]:
-    """As `latencies_ms`, with a network of actions that learned nothing: answers are wrong, and take as long."""
-    if kind not in UNTRAINED:
-        raise InputError(f"--untrained {kind}: unknown kind; legal: {', '.join(UNTRAINED)}")
-    with tempfile.TemporaryDirectory() as made:
-        file = Path(made) / weights_file("actions", kind)
-        with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch and software OpenGL do not mix
-            pool.submit(_write_untrained, configuration.bench, product, kind, file).result()
-        perception = configuration.perception.with_detector("actions", kind, file)
-        timed = configuration.model_copy(update={"perception": perception})
-        return latencies_ms(timed, product, frames, trays, first_seed)
-
-
-def _write_untrained(bench: Bench, product: Product, kind: str, file: Path) -> None:
-    from bracket_lab.learned.actions.train import Task, write_untrained
-
-    write_untrained(Task(bench, product), kind, file)

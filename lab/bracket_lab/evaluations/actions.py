@@ -23,13 +23,12 @@ from bracket_cell.wiring.detectors import Detectors
 from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.perception import Action, ActionDetector, HandSample, HandTracker, HoleView, Segment
+from bracket_ground.interfaces.perception import Action, ActionDetector, HoleView, Segment
 from bracket_ground.interfaces.product import Product
 from bracket_lab.drawing.actions import segment_ends, write_segments
 from bracket_lab.drawing.hands import visible_shares
 from bracket_lab.drawing.placed import placed
 from bracket_lab.drawing.recording import Source, record
-from bracket_lab.drawing.tracks import hands_of
 from bracket_lab.drawing.working_arm import WorkingArm
 from bracket_lab.evaluations.hands import LEAST_VISIBLE
 from bracket_lab.evaluations.holes_and_parts import calibrated_bench
@@ -156,7 +155,6 @@ def evaluate_actions(
     kinds: Iterable[str],
     seeds: Iterable[int],
     *,
-    true_track: bool = False,
     physics: bool = False,
     weights: Mapping[str, Any] | None = None,
     calibrated: bool = True,
@@ -165,7 +163,6 @@ def evaluate_actions(
 
     Args:
         kinds: of action detectors; all of them see the same frames. "classical" has classical hands and holes, too.
-        true_track: a tracker without error instead of the configured one.
         weights: files by kind, instead of the shipped ones.
         calibrated: the cameras were calibrated in each look, as by `cell setup calibrate`; else they hang elsewhere
             than the bench file says, as the look has it.
@@ -179,7 +176,7 @@ def evaluate_actions(
         source = Source(assembly, product, configuration.bench)
         bench = calibrated_bench(configuration, product, seed) if calibrated else configuration.bench
         believed = configuration.model_copy(update={"bench": bench})
-        watchers = {kind: _Watcher(believed, source, kind, true_track, (weights or {}).get(kind)) for kind in tallies}
+        watchers = {kind: _Watcher(believed, source, kind, (weights or {}).get(kind)) for kind in tallies}
         photographer = assembly.photographer(configuration.bench)
         arm = WorkingArm(assembly.world, bench.arm_look_rad, np.random.default_rng(seed))
         for moment in assembly.moments:
@@ -223,15 +220,15 @@ def evaluate_segments(
 class _Watcher:
     """A chain of detectors, and what it named and told."""
 
-    def __init__(self, configuration: Configuration, source: Source, kind: str, true_track: bool, weights: Any) -> None:
+    def __init__(self, configuration: Configuration, source: Source, kind: str, weights: Any) -> None:
         configured = configuration.perception
         perception = configured.with_detector("actions", kind, weights)
         if kind == "classical":
             perception = Perception(classical=configured.classical)
         made = Detectors(configuration.bench, source.product, perception)
-        tracker: HandTracker = _TrueTracker(source) if true_track else made.make("hands")
         self.listener = _Listener(made.make("actions"), Classes.of(source.product))
-        self._chain = DetectorChain(configuration.bench, source.product, tracker, made.make("holes"), self.listener)
+        hands, holes = made.make("hands"), made.make("holes")
+        self._chain = DetectorChain(configuration.bench, source.product, hands, holes, self.listener)
         self.latency_s: list[float] = []
         self.told: list[Told] = []
         self.told_by_hand: list[Told] = []
@@ -276,27 +273,6 @@ class _Listener:
         else:
             self.named.append(self._classes.number(action.kind, action.part, action.position))
         return action
-
-
-class _TrueTracker:
-    """A tracker without error."""
-
-    others: tuple[HandSample, ...] = ()
-
-    def __init__(self, source: Source) -> None:
-        exposures = (moment.exposure for moment in source.assembly.moments)
-        self._hands = {
-            exposure.sequence: None if hand is None else _sample(hand)
-            for exposure, hand in zip(exposures, hands_of(source), strict=True)
-        }
-
-    def track(self, frame: Frame) -> HandSample | None:
-        return self._hands[frame.sequence]
-
-
-def _sample(hand: Mapping[str, Any]) -> HandSample:
-    told: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in hand.items()}
-    return HandSample(**told)
 
 
 def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) -> None:

@@ -238,7 +238,7 @@ def test_a_hand_under_the_arm_is_hidden() -> None:
 @pytest.mark.slow
 def test_the_shipped_detector_names_what_the_person_does() -> None:
     looks = simulated(CONFIGURATION, "nominal", "varied")
-    tally = evaluate_actions(looks, PRODUCT, ["slim"], [900_100], true_track=True)["slim"]
+    tally = evaluate_actions(looks, PRODUCT, ["slim"], [900_100])["slim"]
     found = tally.summary(CLASSES)
     assert found["outside_guard"]["share"] > 0.9
     assert found["placements"]["share"] > 0.8

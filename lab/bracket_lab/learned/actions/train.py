@@ -12,18 +12,17 @@ import torch
 from pydantic import JsonValue
 from torch import Tensor, nn
 
-from bracket_cell.learned.actions.segments import CROP_PX, TRACK_FEATURES, SegmentReader
+from bracket_cell.learned.actions.segments import TRACK_FEATURES, SegmentReader
 from bracket_cell.learned.actions.settings import TRAINABLE, ActionTraining, Classes
 from bracket_cell.learned.inference.onnx_model import Inputs, OnnxModel
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.perception import SEGMENT_FRAMES
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.actions.data import Segments, asked
 from bracket_lab.learned.actions.evaluate import answers, class_scores, confusion, times_s
 from bracket_lab.learned.actions.network import ActionNet, Lrcn, build
 from bracket_lab.learned.scores import latencies
-from bracket_lab.learned.training.recipe import Losses, Recipe
+from bracket_lab.learned.training.recipe import Recipe
 from bracket_lab.learned.training.recipe import Task as Training
 from bracket_lab.learned.training.training_loop import training_device
 
@@ -89,46 +88,34 @@ def train_actions(
     return recipe.write(asked_for, OUTPUTS, samples, score, any_rows=True, told=told)
 
 
-def write_untrained(task: Task, kind: str, out: Path) -> None:
-    """Weights by chance, from which only the time of an answer can be learned; at the paper's size for `paper`."""
-    recipe = action_recipe(task, None, kind, ActionTraining())
-    track = np.zeros((2, TRACK_FEATURES, SEGMENT_FRAMES), np.float32)
-    crops = np.zeros((2, 2, CROP_PX, CROP_PX, 3), np.uint8)
-    recipe.write(Training(out=out), OUTPUTS, [{"track": track, "crops": crops}], dict, any_rows=True)
-
-
 def action_recipe(
     task: Task,
-    learned: Segments | None,
+    learned: Segments,
     kind: str,
     settings: ActionTraining,
     *,
     budget_s: float | None = None,
     seed: int = 0,
 ) -> Recipe:
-    """An untrained network, with the epochs that there is time for; without segments it learns nothing."""
+    """An untrained network, with the epochs that there is time for."""
     torch.manual_seed(seed)
     network = build(kind, len(task.classes.parts), len(task.classes.positions), settings.share)
-    rng, batches = np.random.default_rng([seed, 1]), 1
-    losses: Losses = lambda _: ()  # noqa: E731
-    if learned is not None:
-        reader = SegmentReader(task.bench, task.product)
-        learner = _Learner(kind, network, learned, reader, settings, rng)
-        if budget_s is not None:
-            affordable = int(budget_s / (learner.step_s() * learner.batches))
-            settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
-        losses, batches = learner.losses, learner.batches
+    rng = np.random.default_rng([seed, 1])
+    learner = _Learner(kind, network, learned, SegmentReader(task.bench, task.product), settings, rng)
+    if budget_s is not None:
+        affordable = int(budget_s / (learner.step_s() * learner.batches))
+        settings = settings.model_copy(update={"epochs": max(1, min(settings.epochs, affordable))})
     return Recipe(
         kind=f"actions.{kind}",
         network=network,
-        losses=losses,
+        losses=learner.losses,
         epochs=settings.epochs,
-        batches=batches,
+        batches=learner.batches,
         rate=settings.learning_rate,
         decay=settings.weight_decay,
         settings=settings,
         vocabulary={"parts": task.classes.parts, "positions": task.classes.positions},
-        data_sha256="" if learned is None else learned.sha256,
+        data_sha256=learned.sha256,
         rng=rng,
         gradient=1.0,
         device=training_device(),

@@ -109,7 +109,7 @@ def _robots(files: list[Path], config: Path | None, as_json: bool) -> int | None
             sys.stdout.write(f"{drawing}: the arm at rest\n")
         write(drawing, to_png(view.picture))
     if as_json:
-        print_json({str(one.file): {"problems": one.problems, "told": one.told} for one in views})
+        print_json({str(view.file): {"problems": view.problems, "told": view.told} for view in views})
     return int(any(view.problems for view in views))
 
 

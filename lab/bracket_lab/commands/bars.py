@@ -176,9 +176,9 @@ def chosen_bars(only: Sequence[str] | None = None, path: Path = BARS) -> list[Me
         InputError: the file is wrong, or holds none of those.
     """
     found = load_yaml(path, Bars).bars
-    chosen = [one for one in found if not only or any(one.command.startswith(begin) for begin in only)]
+    chosen = [bar for bar in found if not only or any(bar.command.startswith(begin) for begin in only)]
     if not chosen:
-        legal = sorted({one.command.split()[0] for one in found})
+        legal = sorted({bar.command.split()[0] for bar in found})
         raise InputError(f"--only {' '.join(only or ())}: no such command; legal: {', '.join(legal)}")
     return chosen
 
@@ -205,17 +205,17 @@ def measured(
     """A row for each figure; commands whose answers are kept are not asked again.
 
     Args:
-        parts: folder for what commands keep of an interrupted measurement.
+        parts: folder for what commands keep of an interrupted bar.
     """
-    for one in chosen:
-        command = one.told(first_seed)
+    for bar in chosen:
+        command = bar.told(first_seed)
         if command not in store:
             console().print(command, highlight=False)
             part = parts / f"{digest_of(command.encode())[:16]}.jsonl"
-            words = one.words(first_seed) + (["--out", str(part)] if one.out else [])
-            store.add({"command": command, "told": ask(words, one.settings)})
+            words = bar.words(first_seed) + (["--out", str(part)] if bar.out else [])
+            store.add({"command": command, "told": ask(words, bar.settings)})
         (kept,) = (row for row in store.rows if row["command"] == command)
-        yield from ({**figure.of(kept["told"]), "command": command} for figure in one.figures)
+        yield from ({**figure.of(kept["told"]), "command": command} for figure in bar.figures)
 
 
 def ask(words: list[str], settings: Mapping[str, JsonValue]) -> Any:
@@ -249,19 +249,19 @@ def _write(chosen: Sequence[Measured], rows: Sequence[dict[str, Any]]) -> None:
     if clean != "true":
         raise InputError("--write: the code has changes that no commit holds; commit them first")
     rest = iter(rows)
-    for one in chosen:
-        seeds = f"{one.seeds} seeds"
-        found = [next(rest) for _ in one.figures]
+    for bar in chosen:
+        seeds = f"{bar.seeds} seeds"
+        found = [next(rest) for _ in bar.figures]
         told = ({**row, "interval": row["interval"] or "unknown", "n": row["n"] or seeds} for row in found)
-        write_rows(one.page, one.table, [Row(**row, commit=commit[:8], release=version()) for row in told])
+        write_rows(bar.page, bar.table, [Row(**row, commit=commit[:8], release=version()) for row in told])
 
 
 def _cost(chosen: Sequence[Measured], first_seed: int) -> Table:
-    on_core, with_gpu = (sum(one.minutes for one in chosen if one.gpu is gpu) / 60 for gpu in (False, True))
+    on_core, with_gpu = (sum(bar.minutes for bar in chosen if bar.gpu is gpu) / 60 for gpu in (False, True))
     title = f"{on_core:.1f} h of one core, {with_gpu:.1f} h of a GPU in all"
     drawn = Table("command", "page", "minutes", title=title)
-    for one in chosen:
-        drawn.add_row(one.told(first_seed), one.page, f"{one.minutes:g}" + ", GPU" * one.gpu)
+    for bar in chosen:
+        drawn.add_row(bar.told(first_seed), bar.page, f"{bar.minutes:g}" + ", GPU" * bar.gpu)
     return drawn
 
 

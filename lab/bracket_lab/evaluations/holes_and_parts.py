@@ -220,8 +220,8 @@ def calibrated_bench(configuration: Configuration, product: Product, seed: int, 
     found = {"overhead": overhead.setup, "wrist": wrist.setup}
     cameras = {
         name: setups[name].calibrated(
-            CameraCalibration(mount=one.mount, focal_px=one.focal_px, distortion_k1=one.distortion_k1)
+            CameraCalibration(mount=camera.mount, focal_px=camera.focal_px, distortion_k1=camera.distortion_k1)
         )
-        for name, one in found.items()
+        for name, camera in found.items()
     }
     return bench.model_copy(update=cameras)

@@ -100,7 +100,7 @@ def begun(
     found = list(parts)
     for index in rng.permutation(len(first))[: storage.begun] if storage.begun else ():
         place = bench.bracket.pose @ Pose(product.slot_m(first[index]))
-        number = next(number for number, one in enumerate(found) if one.part == wanted[first[index]])
+        number = next(number for number, part in enumerate(found) if part.part == wanted[first[index]])
         found.append(replace(found.pop(number), world_from_part=place))
     return tuple(found)
 
@@ -214,12 +214,14 @@ class _Place(NamedTuple):
 def overlapping(product: Product, bench: Bench) -> list[tuple[Location, str]]:
     """Of every two that overlap the second one's location in the configuration, and what is wrong there."""
     found = []
-    for one, other in combinations(_places(product, bench), 2):
-        depths_m = [min(a, b) - max(c, d) for a, b, c, d in zip(one.high, other.high, one.low, other.low, strict=True)]
-        both = one.location[1] == other.location[1] == "obstacles"  # which together may be one thing
+    for first, second in combinations(_places(product, bench), 2):
+        depths_m = [
+            min(a, b) - max(c, d) for a, b, c, d in zip(first.high, second.high, first.low, second.low, strict=True)
+        ]
+        both = first.location[1] == second.location[1] == "obstacles"  # which together may be one thing
         if min(depths_m) > 0 and not both:
-            what = f"{other.name} and {one.name} overlap by {min(depths_m):.3f} m; move one of them"
-            found.append((other.location, what))
+            what = f"{second.name} and {first.name} overlap by {min(depths_m):.3f} m; move one of them"
+            found.append((second.location, what))
     return found
 
 

@@ -159,7 +159,7 @@ class Sight:
         tool_m = self.held_out_m(brought=brought)
         if tool_m is None:
             return None
-        return next((one for one in self._of_type(part) if self._beside_m(one, tool_m) < HELD_M), None)
+        return next((seen for seen in self._of_type(part) if self._beside_m(seen, tool_m) < HELD_M), None)
 
     def _beside_m(self, seen: SeenPart, point_m: Array) -> float:
         """How far a point (3,) is from a part's axis, from its bottom to its top."""

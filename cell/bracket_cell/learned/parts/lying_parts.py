@@ -45,12 +45,12 @@ class LyingPartResolver:
         rest = [detection for detection in found if detection not in told and detection.confidence >= MIN_CONFIDENCE]
         exact = [self._exact(detection, fit.part, fit.world_from_part) for detection, fit in fallen]
         rough: list[PartDetection] = []
-        for one in sorted(rest, key=lambda detection: (not detection.lies_on, -detection.confidence)):
-            if any(covers(part, one) for part in (*standing, *exact)) or _again(one, exact):
+        for part_detection in sorted(rest, key=lambda detection: (not detection.lies_on, -detection.confidence)):
+            if any(covers(part, part_detection) for part in (*standing, *exact)) or _again(part_detection, exact):
                 continue
-            lies = self._placed(frame, one, found, rough)
+            lies = self._placed(frame, part_detection, found, rough)
             if lies is None:
-                rough.append(one)
+                rough.append(part_detection)
             else:
                 exact.append(lies)
         apart = [

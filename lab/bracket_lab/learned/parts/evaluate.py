@@ -138,17 +138,17 @@ def _matched(
 ) -> list[tuple[float, bool]]:
     """The surest answer takes the best box first; one that meets something hardly seen does not count."""
     free, told = list(labels), []
-    for one in own:
-        best = max(free, key=lambda label: overlap(np.array(one.box_px, float), label.box_px), default=None)
-        right = best is not None and overlap(np.array(one.box_px, float), best.box_px) >= least
+    for detection in own:
+        best = max(free, key=lambda label: overlap(np.array(detection.box_px, float), label.box_px), default=None)
+        right = best is not None and overlap(np.array(detection.box_px, float), best.box_px) >= least
         if right and best is not None:
             free = [label for label in free if label is not best]
             if level == 0 and best.part != UNKNOWN and best.upright is not None and best.shown >= LEAST_SHOWN:
-                findings.postures[0] += best.upright == one.upright
+                findings.postures[0] += best.upright == detection.upright
                 findings.postures[1] += 1
             if best.shown < LEAST_SHOWN:
                 continue
-        told.append((one.confidence, right))
+        told.append((detection.confidence, right))
     return told
 
 
@@ -158,7 +158,7 @@ def _poses(labels: Sequence[Label], answers: Sequence[PartDetection], alike: boo
     for label in labels:
         assert label.pose is not None
         place = label.pose.position_m
-        near = [(math.dist(one.world_from_part.position_m[:2], place[:2]), index) for index, one in enumerate(free)]
+        near = [(math.dist(box.world_from_part.position_m[:2], place[:2]), index) for index, box in enumerate(free)]
         if not near or min(near)[0] > NEAREST_M:
             findings.missed += 1
             continue

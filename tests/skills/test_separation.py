@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -356,6 +357,20 @@ def test_an_elbow_may_be_as_high_as_a_forearm_that_rises_by_45_degrees() -> None
     for back_m in (0.0, 0.1, 0.25):
         assert min(apart_m(body, 0.8 + back_m, 0.1, 0.05 + back_m) for body in bodies) <= 0.0
     assert min(apart_m(body, 0.7, 0.1, 0.05 + 0.3) for body in bodies) > 0.05, "over fingertips there is no elbow"
+
+
+@pytest.mark.parametrize(("told_deg", "wide"), [(0, False), (25, False), (-25, False), (40, True), (-110, True)])
+@pytest.mark.parametrize("height_m", [None, 0.05])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_forearm_that_no_wrist_bends_to_may_be_to_either_side(
+    told_deg: float, wide: bool, height_m: float | None, side: int
+) -> None:
+    """It is hidden, and guessed: it was told up to 160 degrees off, where the fingers told it within 29."""
+    told = replace(hand(0.9, 0.1), forearm_rad=math.radians(told_deg), height_m=height_m)
+    assert told.forearm_guessed == wide
+    bodies = [person.body for person in persons([told], (), 0.1) if person.velocity_m_s is not None]
+    off_m = min(apart_m(body, 1.0 + 0.35 * math.cos(0.5), 0.1 + side * 0.35 * math.sin(0.5), 0.05) for body in bodies)
+    assert (off_m <= 1e-6) == wide
 
 
 @pytest.mark.parametrize(("palm_x_m", "leans"), [(1.1, False), (0.98, False), (0.9, True), (0.7, True)])

@@ -15,6 +15,7 @@ from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
 
 WITHIN = math.sqrt(-2 * math.log(0.05))  # standard deviations within which 95 % of the places in a plane are
+WRIST_BENDS_RAD = math.radians(30)  # to the side of the little finger; 20 to that of the thumb (AAOS, 1965)
 SEGMENT_FRAMES = 45  # 3 s at 15 FPS, section 3.2 of the paper
 ActionKind = Literal["assembly", "screw", "transit", "idle"]
 Side = Literal["left", "right"]
@@ -67,6 +68,14 @@ class HandSample:
     def off_m(self) -> float:
         """Along the bench, by how much the palm is off at most, in 95 of 100 frames; 0 where nobody says."""
         return 0.0 if self.deviation_m is None else WITHIN * max(self.deviation_m[:2])
+
+    @property
+    def forearm_guessed(self) -> bool:
+        """Whether no wrist bends as far as the forearm is told to: then it is hidden, and its direction a guess."""
+        if self.forearm_rad is None:
+            return False
+        x, y = self.palm_m[0] - self.fingertips_m[0], self.palm_m[1] - self.fingertips_m[1]
+        return abs(math.remainder(self.forearm_rad - math.atan2(y, x), 2 * math.pi)) > WRIST_BENDS_RAD
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def _draw_hand(canvas: Canvas, hand: HandSample, colour: Colour) -> None:
     for point, own in ((hand.fingertips_m, WHITE), (hand.thumb_m, THUMB), (hand.index_m, INDEX)):
         if point is not None:
             canvas.line(palm, canvas.dot(*point, tips_m, own), own)
-    if hand.forearm_rad is not None:
+    if hand.forearm_rad is not None and not hand.forearm_guessed:
         along = FOREARM_M * np.array([np.cos(hand.forearm_rad), np.sin(hand.forearm_rad)])
         x, y = np.array(hand.palm_m) + along
         canvas.line(palm, canvas.dot(float(x), float(y), palm_m, colour, 3), colour)

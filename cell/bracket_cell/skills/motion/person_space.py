@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 from bracket_cell.skills.motion.known_bench import EDGES, KnownBench, ViewRange
 from bracket_cell.skills.motion.settings import SeparationSettings
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.perception import Edge, HandSample
+from bracket_ground.interfaces.perception import WRIST_BENDS_RAD, Edge, HandSample
 from bracket_ground.interfaces.pose import Array
 
 
@@ -176,15 +177,20 @@ class PersonSpace:
         return _prism(self._at_height(corners, 0.0), self._at_height(corners, high_m), high_m)
 
     def _footprint(self, hand: HandSample, from_m: tuple[float, float], before_m: float = 0.0) -> Array:
-        """Corners (4, 2) along hand and forearm: two so far before a point, and two at the elbow."""
+        """Corners (4, 2) along hand and forearm: two so far before a point, and two at the elbow.
+
+        Where the forearm is a guess, the elbow may be as far to either side as wrists bend.
+        """
         tips, palm = np.array(hand.fingertips_m), np.array(hand.palm_m)
         along = palm - tips
         length_m = float(np.linalg.norm(along))
         along = along / length_m if length_m > PERSON.least_length_m else np.array([1.0, 0.0])
         across = self._settings.hand_radius_m * np.array([-along[1], along[0]])
+        bends = self._settings.forearm_m / self._settings.hand_radius_m * math.sin(WRIST_BENDS_RAD)
+        aside = across * (1 + bends * hand.forearm_guessed)
         start = np.array(from_m) - before_m * along
         end = tips + (length_m + self._settings.forearm_m) * along
-        return np.array([start - across, start + across, end + across, end - across])
+        return np.array([start - across, start + across, end + aside, end - aside])
 
     def _unseen_m(self, hand: HandSample) -> float:
         """How far fingers may reach out of the view that are not seen to."""

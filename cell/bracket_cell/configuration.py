@@ -240,7 +240,7 @@ def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:
     The folder in which `cell new leaf` writes may be made later.
     """
     folders = (folder.resolve(), folder.resolve().parent)
-    found = {name: next((str(one / name) for one in folders if (one / name).exists()), name) for name in names}
+    found = {name: next((str(folder / name) for folder in folders if (folder / name).exists()), name) for name in names}
     return tuple(path for name, path in found.items() if path != name or name != str(USUAL_FOLDER))
 
 
@@ -403,5 +403,5 @@ def _cannot_build(bench: Bench, name: str, kind: PartType) -> str:
         return f"is in bench.places; legal: {', '.join(bench.places) or 'none yet'}"
     if place.known_by != "seen":
         return f"the camera sees (known_by: seen), to tell when {name} is built"
-    missing = [one for one in (kind.made_of[0], name) if not place.takes(one)]
+    missing = [part for part in (kind.made_of[0], name) if not place.takes(part)]
     return f"holds {', '.join(missing)}, too" if missing else ""

@@ -110,9 +110,9 @@ def calibrate(
     return 0
 
 
-def _words(one: Calibrated) -> str:
-    fit = one.fit
-    off = f"{1e3 * one.off_m:.1f} mm off by the bench file, fit {fit.rms_px:.2f} px"
+def _words(calibrated: Calibrated) -> str:
+    fit = calibrated.fit
+    off = f"{1e3 * calibrated.off_m:.1f} mm off by the bench file, fit {fit.rms_px:.2f} px"
     return f"{off}, {fit.edges} points of edges, {fit.holes} holes, {fit.images} images"
 
 
@@ -303,7 +303,7 @@ def _teach_robot(configuration: Configuration, config: Path) -> int:
         write_values(config, {(ROBOT,): path.name})
     write_values(path, {("calibration",): own.model_dump(mode="json")})
     taught, here = load_configuration(config), np.array(configuration.bench.arm_look_rad)
-    before, after = (Kinematics(one.motion).position_m(here) for one in (configuration, taught))
+    before, after = (Kinematics(cell.motion).position_m(here) for cell in (configuration, taught))
     off_mm = 1e3 * float(np.linalg.norm(after - before))
     console().print(f"{path}: the tool is {off_mm:.1f} mm elsewhere in the pose look; calibrate the cameras again")
     return 0

@@ -258,11 +258,11 @@ def list_runs(
         from bracket_cell.fleet.night import write_night
 
         failed = [dict(zip(names, row, strict=True)) for row in rows]
-        size = write_night(failed, spared(html, [Path(one["log"]) for one in failed]))
+        size = write_night(failed, spared(html, [Path(run["log"]) for run in failed]))
         say(f"{html}: {len(failed)} runs that failed, {size / 1e6:.2f} MB")
     elif statistics is not None:
-        for one in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
-            tell_json(one) if as_json else say(*summary_lines(one, statistics))
+        for summary in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
+            tell_json(summary) if as_json else say(*summary_lines(summary, statistics))
     elif as_json:
         for row in rows:
             tell_json({name: _plain(value) for name, value in zip(names, row, strict=True)})

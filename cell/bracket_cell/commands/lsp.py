@@ -253,14 +253,16 @@ def _mark(server: LanguageServer, shop: Workshop, document: TextDocument) -> Non
     found = findings([path], shop.registry, known)
     if shop.complaint:
         server.window_show_message(types.ShowMessageParams(types.MessageType.Error, shop.complaint))
-    marks: dict[Path, list[tuple[Problem, types.Diagnostic]]] = {one: [] for one in {path, *shop.told.get(path, ())}}
+    marks: dict[Path, list[tuple[Problem, types.Diagnostic]]] = {file: [] for file in {path, *shop.told.get(path, ())}}
     levels = (types.DiagnosticSeverity.Error, types.DiagnosticSeverity.Warning, types.DiagnosticSeverity.Information)
     for level, problems in zip(levels, found, strict=True):
-        for one in problems:
-            file = one.place.file.resolve()
+        for problem in problems:
+            file = problem.place.file.resolve()
             text = server.workspace.get_text_document(file.as_uri())
-            what = f"{one.what}; {one.legal}" if one.legal else one.what
-            marks.setdefault(file, []).append((one, types.Diagnostic(_range(text, one), what, level, source="cell")))
+            what = f"{problem.what}; {problem.legal}" if problem.legal else problem.what
+            marks.setdefault(file, []).append(
+                (problem, types.Diagnostic(_range(text, problem), what, level, source="cell"))
+            )
     shop.told[path] = {file for file, some in marks.items() if some}
     shop.marks |= marks
     for file, some in marks.items():
@@ -284,7 +286,7 @@ def _start(document: TextDocument, place: Place) -> int:
 def _between(document: TextDocument, start: int, end: int) -> types.Range:
     from lsprotocol import types
 
-    return types.Range(*(document.client_position_at_offset(min(one, len(document.source))) for one in (start, end)))
+    return types.Range(*(document.client_position_at_offset(min(at, len(document.source))) for at in (start, end)))
 
 
 def _location(server: LanguageServer, place: Place, length: int) -> types.Location:
@@ -302,7 +304,7 @@ def _symbol(document: TextDocument, heading: Heading) -> types.DocumentSymbol:
     place, text = heading.element.place, document.source
     start, end = _start(document, place), len(text) if heading.end is None else _start(document, heading.end)
     kind = types.SymbolKind.Module if heading.element.tag == "BehaviorTree" else types.SymbolKind.Object
-    below: Sequence[types.DocumentSymbol] = [_symbol(document, one) for one in heading.below]
+    below: Sequence[types.DocumentSymbol] = [_symbol(document, inner) for inner in heading.below]
     whole = _between(document, start, start + len(text[start:end].rstrip()))
     return types.DocumentSymbol(
         heading.title or "?", kind, whole, _between(document, start, word_end(text, start)), children=below

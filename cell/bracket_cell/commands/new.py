@@ -265,7 +265,7 @@ def _legal(option: str, value: str, known: Mapping[str, str]) -> str:
 
 def _refuse_taken(name: str) -> None:
     """Raise InputError where a node has the name already, of the cell or of the folder `nodes` beside it."""
-    own = dict.fromkeys(str(one) for one in (*always_loaded(), "nodes") if Path(one).is_dir())
+    own = dict.fromkeys(str(folder) for folder in (*always_loaded(), "nodes") if Path(folder).is_dir())
     node = registry_of(None, own).classes.get(name)
     if node is not None or name == "SubTree":
         place = None if node is None else made_at(node)

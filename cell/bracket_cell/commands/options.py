@@ -197,13 +197,13 @@ def doors_of(given: Iterable[str] | None) -> dict[str, Any]:
 def user_files(given: Iterable[str] | None) -> tuple[tuple[str, ...], tuple[Path, ...]]:
     """What `--with` names: files, folders and packages with nodes, and tree files and folders with them."""
     nodes, trees = list[str](), list[Path]()
-    for one in given or ():
-        path = Path(one)
+    for text in given or ():
+        path = Path(text)
         holds_trees = path.suffix == ".xml" or (path.is_dir() and any(path.glob("*.xml")))
         if holds_trees:
             trees.append(path)
         if not holds_trees or (path.is_dir() and any(path.glob("*.py"))):
-            nodes.append(one)
+            nodes.append(text)
     return tuple(nodes), tuple(trees)
 
 
@@ -265,12 +265,12 @@ def entries_of(given: Iterable[str] | None) -> dict[str, Any]:
         InputError: one is neither NAME=VALUE nor a YAML file of such.
     """
     entries: dict[str, Any] = {}
-    for one in given or ():
-        name, sign, value = one.partition("=")
+    for entry in given or ():
+        name, sign, value = entry.partition("=")
         if sign:
-            entries[_checked(name, one)] = _value(value)
+            entries[_checked(name, entry)] = _value(value)
         else:
-            entries |= {_checked(str(key), one): _plain(value, one) for key, value in _file(Path(one)).items()}
+            entries |= {_checked(str(key), entry): _plain(value, entry) for key, value in _file(Path(entry)).items()}
     return entries
 
 
@@ -288,7 +288,7 @@ def _checked(name: str, given: str) -> str:
 
 def _plain(value: object, given: str) -> object:
     simple = bool | int | float | str
-    if isinstance(value, simple) or (isinstance(value, list) and all(isinstance(one, simple) for one in value)):
+    if isinstance(value, simple) or (isinstance(value, list) and all(isinstance(item, simple) for item in value)):
         return value
     raise InputError(f"--set {given}: entries are numbers, texts, true, false and lists of these, not {value!r}")
 

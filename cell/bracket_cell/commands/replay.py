@@ -86,9 +86,9 @@ def replay(
     told, found = len(again.remarks), list[Difference]()
     show = _shower(recorded, frames) if step else lambda _: True
 
-    def watch(one: Step) -> bool:
-        found.extend(one.differences if html is not None and len(found) < MOST_KEPT else ())
-        return show(one)
+    def watch(step: Step) -> bool:
+        found.extend(step.differences if html is not None and len(found) < MOST_KEPT else ())
+        return show(step)
 
     comparison = again.run(from_s, until_s, watch)
     _remark(recorded, again.remarks[told:])

@@ -119,9 +119,9 @@ def _of_rules(files: list[Path], registry: Registry, known: Circumstances) -> Ch
     for file in files:
         if (rules := rules_beside(file)) is not None:
             tree = load_tree(file, registry, None, known.provided, known.beside)
-            one = check_rules(rules, tree)
-            able = [] if one.problems else breakable(file, rules, registry, known)
-            for level, told in zip(found, (one.problems, one.doubts, [*one.notes, *able]), strict=True):
+            checked = check_rules(rules, tree)
+            able = [] if checked.problems else breakable(file, rules, registry, known)
+            for level, told in zip(found, (checked.problems, checked.doubts, [*checked.notes, *able]), strict=True):
                 level.extend(told)
     return found
 

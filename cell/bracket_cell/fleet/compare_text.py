@@ -106,17 +106,17 @@ def page(found: Sequence[Finding], names: tuple[str, str], pairs: Sequence[tuple
     )
 
 
-def _measure(one: Finding) -> dict[str, Any]:
+def _measure(finding: Finding) -> dict[str, Any]:
     return {
-        "name": one.measure.name,
-        "what": one.measure.what,
-        "judged": one.measure.judged,
-        "a": _number(one.one),
-        "b": _number(one.other),
-        "difference": _signed(one.difference.value),
-        "span": _span(one),
-        "verdict": one.verdict,
-        "pairs": one.pairs,
+        "name": finding.measure.name,
+        "what": finding.measure.what,
+        "judged": finding.measure.judged,
+        "a": _number(finding.one),
+        "b": _number(finding.other),
+        "difference": _signed(finding.difference.value),
+        "span": _span(finding),
+        "verdict": finding.verdict,
+        "pairs": finding.pairs,
     }
 
 
@@ -158,8 +158,8 @@ def _signed(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:+.3f}" if abs(value) < 10 else f"{value:+.1f}"
 
 
-def _span(one: Finding) -> str:
-    low, high = one.difference.low, one.difference.high
+def _span(finding: Finding) -> str:
+    low, high = finding.difference.low, finding.difference.high
     return "-" if not (math.isfinite(low) and math.isfinite(high)) else f"{_signed(low)} to {_signed(high)}"
 
 

@@ -134,10 +134,10 @@ def _surviving(
     with ExitStack() as opened:
         while True:
             try:
-                for one, answer, error in _done(client, work, waiting, in_order=in_order):
-                    waiting.done(one)
+                for job, answer, error in _done(client, work, waiting, in_order=in_order):
+                    waiting.done(job)
                     in_vain = 0
-                    yield one, answer, error
+                    yield job, answer, error
                 return
             except gone as error:
                 in_vain += 1
@@ -164,9 +164,9 @@ class _Once:
         self._arguments, self._taken, self._first = iter(arguments), dict[int, tuple[Any, ...]](), list[Any]()
         self.count = 0
 
-    def done(self, one: tuple[Any, ...]) -> None:
+    def done(self, job: tuple[Any, ...]) -> None:
         """It need not be taken again."""
-        del self._taken[id(one)]
+        del self._taken[id(job)]
         self.count += 1
 
     def again(self) -> None:
@@ -271,24 +271,24 @@ def _done(
     try:
         while True:
             crew.look()
-            for one in itertools.islice(waiting, max(0, crew.room - len(pending))):
-                pending[_submitted(client, work, one, crew)] = one, set(crew.agreeing)
+            for job in itertools.islice(waiting, max(0, crew.room - len(pending))):
+                pending[_submitted(client, work, job, crew)] = job, set(crew.agreeing)
             if not pending:
                 return
             first = next(iter(pending))
             with suppress(TimeoutError):
                 distributed.wait([first] if in_order else list(pending), timeout=POLL_S, return_when="FIRST_COMPLETED")
-            done = [one for one in ([first] if in_order else list(pending)) if one.done()]
+            done = [future for future in ([first] if in_order else list(pending)) if future.done()]
             for future in done:
                 with suppress(TimeoutError):  # else its worker has the answer, and says nothing
                     answer, error = _answer(future)
-                    one, _ = pending.pop(future)
-                    if isinstance(answer, Trouble) and crew.had(answer, troubled, one):
-                        pending = {_submitted(client, work, one, crew): (one, set(crew.agreeing)), **pending}
+                    job, _ = pending.pop(future)
+                    if isinstance(answer, Trouble) and crew.had(answer, troubled, job):
+                        pending = {_submitted(client, work, job, crew): (job, set(crew.agreeing)), **pending}
                         continue
-                    troubled.pop(id(one), None)
-                    yield one, answer, error
-            pending = {_kept(client, work, one, told, crew): told for one, told in pending.items()}
+                    troubled.pop(id(job), None)
+                    yield job, answer, error
+            pending = {_kept(client, work, job, told, crew): told for job, told in pending.items()}
     finally:
         with suppress(Exception):  # of a scheduler that is gone there is nothing to cancel
             client.cancel(list(pending))
@@ -304,20 +304,20 @@ def _answer(future: Any) -> tuple[Any, BaseException | None]:
     return None, error
 
 
-def _submitted(client: Any, work: Callable[..., Any], one: tuple[Any, ...], crew: _Crew) -> Any:
-    return client.submit(on_worker, work, *one, pure=False, workers=sorted(crew.agreeing))
+def _submitted(client: Any, work: Callable[..., Any], job: tuple[Any, ...], crew: _Crew) -> Any:
+    return client.submit(on_worker, work, *job, pure=False, workers=sorted(crew.agreeing))
 
 
 def _kept(
     client: Any, work: Callable[..., Any], future: Any, told: tuple[tuple[Any, ...], set[str]], crew: _Crew
 ) -> Any:
     """A future that somebody works on; handed out anew where all are gone that might have."""
-    one, asked = told
+    job, asked = told
     if asked & crew.agreeing or not crew.agreeing or future.done():
         return future
     client.cancel([future])
     asked.update(crew.agreeing)
-    return _submitted(client, work, one, crew)
+    return _submitted(client, work, job, crew)
 
 
 class _Crew:
@@ -375,9 +375,9 @@ class _Crew:
         elif self._asked[address].done():
             del self._asked[address]  # it went while it was asked, and is here again
 
-    def had(self, trouble: Trouble, troubled: dict[int, set[str]], one: tuple[Any, ...]) -> bool:
+    def had(self, trouble: Trouble, troubled: dict[int, set[str]], job: tuple[Any, ...]) -> bool:
         """Note a worker's trouble; whether the run is to go to another worker."""
-        where = troubled.setdefault(id(one), set())
+        where = troubled.setdefault(id(job), set())
         where.add(trouble.worker)
         self._troubles[trouble.worker] += 1
         if self._troubles[trouble.worker] == TROUBLES:

@@ -135,7 +135,7 @@ def ask(folder: Path, sql: str) -> Answer:
     try:
         with duckdb.connect() as database:
             source = f"read_parquet('{_quoted(rows / '*.parquet')}', union_by_name = true)"
-            there = [one[0] for one in database.execute(f"describe select * from {source}").fetchall()]
+            there = [column[0] for column in database.execute(f"describe select * from {source}").fetchall()]
             casts = ", ".join(
                 f"""try_cast(nullif(cast("{name}" as varchar), '') as {SQL[COLUMNS[name]]}) as "{name}\""""
                 for name in there

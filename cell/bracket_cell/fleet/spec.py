@@ -216,7 +216,7 @@ def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Pa
     for named_file in (*sweep.people, *sweep.looks):
         if named_file is not None and Path(named_file).is_file():
             files[named_file] = Path(named_file).read_bytes()
-    for file in (path, *(one for one in named if one is not None and one.exists())):
+    for file in (path, *(other for other in named if other is not None and other.exists())):
         if file.resolve().is_relative_to(config_folder):
             files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
     files |= {name: file.read_bytes() for name, file in own.items()}
@@ -251,9 +251,9 @@ def _send(file: Path, path: Path, files: dict[str, bytes]) -> None:
 def _moved(value: object, folder: Path, file: Path, name: str) -> object:
     """A configuration that names a file, or its folder, by its new name."""
     if isinstance(value, dict):
-        return {key: _moved(one, folder, file, name) for key, one in value.items()}
+        return {key: _moved(item, folder, file, name) for key, item in value.items()}
     if isinstance(value, list):
-        return [_moved(one, folder, file, name) for one in value]
+        return [_moved(item, folder, file, name) for item in value]
     if isinstance(value, str) and value and (folder / value).resolve() in (file, file.parent):
         return name if (folder / value).resolve() == file else str(Path(name).parent)
     return value

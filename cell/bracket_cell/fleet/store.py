@@ -43,11 +43,11 @@ def get(address: str, folder: Path) -> list[Path]:
     with _told(address):
         system, path = _system(address)
         found = (
-            [path] if system.isfile(path) else [one for one in system.ls(path, detail=False) if one.endswith(".mcap")]
+            [path] if system.isfile(path) else [log for log in system.ls(path, detail=False) if log.endswith(".mcap")]
         )
-        for one in found:
-            system.get_file(one, str(folder / one.rpartition("/")[2]))
-    return [folder / one.rpartition("/")[2] for one in found]
+        for name in found:
+            system.get_file(name, str(folder / name.rpartition("/")[2]))
+    return [folder / name.rpartition("/")[2] for name in found]
 
 
 @contextmanager
@@ -97,7 +97,7 @@ class _Growing:
                 if system.exists(f"{path}/{one}"):
                     system.get_file(f"{path}/{one}", str(folder / one))
             there = system.find(f"{path}/{SHARDS}") if system.exists(f"{path}/{SHARDS}") else []
-            self._shards = sorted(one for one in there if one.endswith(".jsonl"))
+            self._shards = sorted(shard for shard in there if shard.endswith(".jsonl"))
             for shard in self._shards:
                 with (folder / shard.rpartition("/")[2].partition(".")[2]).open("ab") as file:
                     file.write(system.cat_file(shard))
@@ -117,23 +117,23 @@ class _Growing:
         try:
             with _told(self._place):
                 system, path = _system(self._place)
-                for one in (name for name in self._names if name.endswith(".jsonl")):
-                    self._send(system, path, one)
+                for file_name in (name for name in self._names if name.endswith(".jsonl")):
+                    self._send(system, path, file_name)
             self._troubled = False
         except InputError as error:
             if not self._troubled:
                 sys.stderr.write(f"cell: {error}; the runs go on, and it is tried again\n")
             self._troubled = True
 
-    def _send(self, system: Any, path: str, one: str) -> None:
-        with (self._folder / one).open("rb") if self._size(one) > self._sent[one] else nullcontext() as file:
+    def _send(self, system: Any, path: str, name: str) -> None:
+        with (self._folder / name).open("rb") if self._size(name) > self._sent[name] else nullcontext() as file:
             if file is not None:
-                file.seek(self._sent[one])
+                file.seek(self._sent[name])
                 content = file.read()
-                shard = f"{path}/{SHARDS}/{len(self._shards):08d}.{one}"
+                shard = f"{path}/{SHARDS}/{len(self._shards):08d}.{name}"
                 system.pipe_file(shard, content)
                 self._shards.append(shard)
-                self._sent[one] += len(content)
+                self._sent[name] += len(content)
 
     def end(self) -> None:
         """Whole files in the place of shards."""
@@ -142,8 +142,8 @@ class _Growing:
                 put(file, f"{self._place}/{name}")
         _insisted(f"{self._place}/{SHARDS}", lambda system, path: system.rm(path, recursive=True))
 
-    def _size(self, one: str) -> int:
-        file = self._folder / one
+    def _size(self, name: str) -> int:
+        file = self._folder / name
         return file.stat().st_size if file.exists() else 0
 
 

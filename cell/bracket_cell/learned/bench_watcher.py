@@ -56,7 +56,7 @@ class DetectorChain:
         self._frames: deque[Frame] = deque(maxlen=SEGMENT_FRAMES)
         self._hands: deque[HandSample | None] = deque(maxlen=SEGMENT_FRAMES)
         self._before: HandSample | None = None
-        self._preparing = [one for one in (tracker, self._health, reader) if isinstance(one, Preparing)]
+        self._preparing = [detector for detector in (tracker, self._health, reader) if isinstance(detector, Preparing)]
 
     def prepare(self, image: Image) -> None:
         """Do what follows from an image alone, before it is asked about; answers stay the same."""

@@ -163,10 +163,12 @@ class CellSpace:
         from asyncua import ua
 
         async def called(_: Any, *given: Any) -> Any:
-            if [one.VariantType for one in given] != list(inputs.values()) or any(one.is_array for one in given):
+            if [value.VariantType for value in given] != list(inputs.values()) or any(
+                value.is_array for value in given
+            ):
                 return _status("BadInvalidArgument")
             try:
-                await does(*("" if one.Value is None else one.Value for one in given))
+                await does(*("" if value.Value is None else value.Value for value in given))
             except (InputError, TimeoutError) as error:
                 return [ua.Variant(False), ua.Variant(str(error) or NO_ANSWER)]
             return [ua.Variant(True), ua.Variant("")]

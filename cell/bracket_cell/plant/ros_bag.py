@@ -63,7 +63,7 @@ def examined_bag(path: Path, robot: RobotModel, bench: Bench) -> Iterator[Device
         InputError: it is no bag that can be read, or the extra is missing.
     """
     topics = _read(path)
-    for topic in sorted(topics, key=lambda one: one.name):
+    for topic in sorted(topics, key=lambda known: known.name):
         used = _used(topic, robot, bench)
         yield DeviceCheck(f"{topic.told}{f': {used[0]}' if used[0] else ''}", used[1])
     if not any(topic.kind == "sensor_msgs/msg/JointState" for topic in topics):

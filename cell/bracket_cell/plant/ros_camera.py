@@ -73,7 +73,7 @@ class _Subscribed:
         until_s = time.monotonic() + DEPTH_S * self._slower
         while self._depths is not None:
             self._kept.extend(taken(self._depths))
-            if (found := next((one for one in self._kept if one.header.stamp == stamp), None)) is not None:
+            if (found := next((message for message in self._kept if message.header.stamp == stamp), None)) is not None:
                 return _millimetres(found)
             if time.monotonic() > until_s:
                 return None

@@ -105,9 +105,9 @@ class Ros2Gripper:
     def _run(self) -> None:
         while not self._closed.is_set():
             came = waited(self._reader, PERIOD_S)
-            for one in [] if came is None else [came, *taken(self._reader)]:
-                if self._settings.joint in one.name:
-                    self._note(one.position[one.name.index(self._settings.joint)])
+            for joints in [] if came is None else [came, *taken(self._reader)]:
+                if self._settings.joint in joints.name:
+                    self._note(joints.position[joints.name.index(self._settings.joint)])
             self._follow()
 
     def _note(self, position: float) -> None:

@@ -146,12 +146,12 @@ class ActionClient:
     def status(self, goal: bytes) -> Status:
         """What is known of a goal by now."""
         for told in taken(self._status):
-            self._known = {bytes(one.goal_info.goal_id.uuid): Status.of(one.status) for one in told.status_list}
+            self._known = {bytes(goal.goal_info.goal_id.uuid): Status.of(goal.status) for goal in told.status_list}
         return self._known.get(goal, Status.UNKNOWN)
 
     def feedback(self) -> list[tuple[bytes, Any]]:
         """What was told of goals since the last call."""
-        return [(bytes(one.goal_id.uuid), one.feedback) for one in taken(self._feedback)]
+        return [(bytes(message.goal_id.uuid), message.feedback) for message in taken(self._feedback)]
 
     def cancel(self) -> None:
         """Ask to give all goals up."""

@@ -87,7 +87,7 @@ class Ros2Signals:
 
     def _note(self, came: Any) -> None:
         inputs, outputs = (
-            {one.pin: one.state for one in of} for of in (came.digital_in_states, came.digital_out_states)
+            {pin.pin: pin.state for pin in of} for of in (came.digital_in_states, came.digital_out_states)
         )
         with self._lock:
             self._came_s = self._clock.now_s()

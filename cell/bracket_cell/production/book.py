@@ -271,7 +271,7 @@ class Book:
             "ORDER BY began_utc, run, number",
             values,
         )
-        rows = [_bracket(one) for one in found]
+        rows = [_bracket(row) for row in found]
         by_key = {(row.run, row.number): row for row in rows}
         for wait in self.ask(f"SELECT * FROM waits{where} ORDER BY rowid", values):
             if (row := by_key.get((wait["run"], wait["number"]))) is not None:
@@ -287,7 +287,7 @@ class Book:
     def ask(self, words: str, values: Sequence[object] = ()) -> list[dict[str, Any]]:
         """Rows of a query, by column."""
         with self._lock, closing(self._file.execute(words, values)) as found:
-            names = [one[0] for one in found.description]
+            names = [column[0] for column in found.description]
             return [dict(zip(names, row, strict=True)) for row in found]
 
     def _waits(self, run: int, number: int, waits_s: Mapping[str, float]) -> None:

@@ -296,7 +296,7 @@ def moment_of(tick: LoggedTick) -> Moment:
         tick.notes,
         str(reasons[0]["words"]) if reasons else "",
         frozenset(str(reason.get("signal")) for reason in reasons if reason.get("signal") not in USUAL),
-        None if display is None else [(one["kind"], str(one["reason"])) for one in display.get("questions") or ()],
+        None if display is None else [(asks["kind"], str(asks["reason"])) for asks in display.get("questions") or ()],
         tick.observation.operator.pause == "now",
         {} if display is None else display.get("goal_belief") or {},
     )

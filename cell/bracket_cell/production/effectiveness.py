@@ -72,7 +72,7 @@ def effectiveness_of(runs: Iterable[RunRow], brackets: Iterable[BracketRow]) -> 
     return Effectiveness(
         planned_s=_planned_s(known.values()),
         produced_s=sum(max(0.0, bracket.length_s - bracket.waited_s) for bracket in brackets),
-        ideal_s=None if None in ideal or not ideal else sum(one for one in ideal if one is not None),
+        ideal_s=None if None in ideal or not ideal else sum(ideal_s for ideal_s in ideal if ideal_s is not None),
         produced=len(produced),
         inspected=len(inspected),
         good=sum(inspected),

@@ -55,7 +55,7 @@ def decode(data: bytes) -> JointSamples:
     found = _message_class()()
     found.ParseFromString(data)
     series = [getattr(found, joint) for joint in ANY if found.HasField(joint)]
-    columns = {name: [getattr(one, name) for one in series] for name in SERIES}
+    columns = {name: [getattr(samples, name) for samples in series] for name in SERIES}
     arrays = [np.array(columns[name], np.float64).reshape(len(series), -1).T for name in SERIES]
     return JointSamples(np.array(found.time_s, np.float64), *arrays)
 

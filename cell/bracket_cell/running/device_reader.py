@@ -79,7 +79,7 @@ class RobotPoseHistory:
         """
         before = [state for state in self._states if state[0] <= time_s][-1:]
         after = [state for state in self._states if state[0] > time_s][:1]
-        near = [one for one in (*before, *after) if abs(one[0] - time_s) <= NEAR_S]
+        near = [state for state in (*before, *after) if abs(state[0] - time_s) <= NEAR_S]
         if not near:
             return None
         placed = self._outline.placed(np.array([joints for _, joints, _ in near]))

@@ -135,9 +135,9 @@ class OperatorChannel:
         return ""
 
     def _no_answer(self, order: OperatorOrder) -> str:
-        question = next((one for one in self.questions if one.number == order.question), None)
+        question = next((asked for asked in self.questions if asked.number == order.question), None)
         if question is None:
-            standing = ", ".join(str(one.number) for one in self.questions) or "none"
+            standing = ", ".join(str(asked.number) for asked in self.questions) or "none"
             return Message(
                 "no question {question} is asked now; questions: {standing}", question=order.question, standing=standing
             )

@@ -84,7 +84,7 @@ class WristFreshness:
         """Whether a frame shows something else than the one before where a part was."""
         assert self._before is not None
         left, top, right, bottom = (max(0, edge) for edge in part.box_px)
-        crops = [one.image[top:bottom, left:right].astype(np.float32) for one in (self._before, frame)]
+        crops = [shown.image[top:bottom, left:right].astype(np.float32) for shown in (self._before, frame)]
         if not crops[0].size:
             return True
         off = np.abs(cv2.blur(crops[0], (5, 5)) - cv2.blur(crops[1], (5, 5))).max(axis=-1)

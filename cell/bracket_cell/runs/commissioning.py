@@ -101,7 +101,7 @@ class Teaching:
         found: dict[str, tuple[float, float]] = {}
         for x, y in ((low[0], low[1]), (high[0], low[1]), (low[0], high[1])):
             order = np.argsort(np.hypot(*(holes - (x, y)).T))
-            names = [list(bracket.holes_m)[one] for one in order]
+            names = [list(bracket.holes_m)[index] for index in order]
             found[next(name for name in names if name not in found)] = float(x), float(y)
         return found
 
@@ -116,7 +116,7 @@ class Teaching:
         values: dict[Location, object] = {
             ("bench", "bracket"): {
                 "position_m": _rounded(pose.position_m),
-                "quaternion_wxyz": [round(float(one), 6) for one in pose.quaternion_wxyz],
+                "quaternion_wxyz": [round(float(value), 6) for value in pose.quaternion_wxyz],
             }
         }
         return values, f"bracket at ({', '.join(map(str, _rounded(pose.position_m)))}), {1e3 * off_m:.1f} mm off"
@@ -125,8 +125,8 @@ class Teaching:
         far_left, far_right, near_left, near_right = points_m[:, :2]
         along = [far_left - near_left, far_right - near_right]
         across = [far_right - far_left, near_right - near_left]
-        x_m, y_m = (float(np.mean([np.linalg.norm(one) for one in side])) for side in (along, across))
-        askew = max(_askew(one, axis) for side, axis in ((along, 0), (across, 1)) for one in side)
+        x_m, y_m = (float(np.mean([np.linalg.norm(edge) for edge in side])) for side in (along, across))
+        askew = max(_askew(edge, axis) for side, axis in ((along, 0), (across, 1)) for edge in side)
         if min(x_m, y_m) < LEAST_SIDE_M or askew > ASKEW_RAD:
             raise InputError(
                 f"the tray's sides are {1e3 * x_m:.0f} and {1e3 * y_m:.0f} mm long and {math.degrees(askew):.1f} "

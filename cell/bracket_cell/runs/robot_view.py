@@ -120,7 +120,7 @@ class _Posed:
         results, data = self._geometry.createData(), self._model.createData()
         pinocchio.computeCollisions(self._model, data, self._geometry, results, self._joints_rad, False)
         pairs = zip(self._geometry.collisionPairs, results.collisionResults, strict=True)
-        found = [(items[one.first].name, items[one.second].name) for one, met in pairs if met.isCollision()]
+        found = [(items[pair.first].name, items[pair.second].name) for pair, met in pairs if met.isCollision()]
         return ", ".join(f"{first} touches {second}" for first, second in found)
 
     @cached_property

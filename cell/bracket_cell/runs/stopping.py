@@ -52,12 +52,12 @@ def measured(devices: Devices, motion: MotionPlanner, tell: Callable[[str], None
     home, share = np.array(devices.arm.state().positions_rad), motion.settings.speed_share
     found = []
     for number, name in enumerate(motion.settings.robot.joints):
-        one = _stop(devices, _way(motion, home, number), number, share)
+        stop = _stop(devices, _way(motion, home, number), number, share)
         tell(
-            f"{name}: reacts in {1e3 * one[0]:.0f} ms, stands after {1e3 * one[1]:.0f} ms and {one[2]:.3f} rad, "
-            f"brakes with {one[3]:.1f} rad/s2"
+            f"{name}: reacts in {1e3 * stop[0]:.0f} ms, stands after {1e3 * stop[1]:.0f} ms and {stop[2]:.3f} rad, "
+            f"brakes with {stop[3]:.1f} rad/s2"
         )
-        found.append([round(value, DIGITS) for value in one])
+        found.append([round(value, DIGITS) for value in stop])
         move_to(devices, motion, home, min(share, SHARE))
     reacts, stops, over, brakes = zip(*found, strict=True)
     return Stopping(reacts_s=reacts, stops_s=stops, over_rad=over, brakes_rad_s2=brakes)

@@ -63,7 +63,7 @@ class Paired:
         """That has this token."""
         self._look()
         digest = sha256(token.encode()).hexdigest()
-        return next((one for one in self._browsers if same(one.sha256, digest)), None)
+        return next((browser for browser in self._browsers if same(browser.sha256, digest)), None)
 
     def pair(self, code: str, name: str) -> tuple[str, Role]:
         """A token for a browser that says a code, and what it may do.
@@ -85,7 +85,7 @@ class Paired:
         self._browsers.append(Browser(sha256(token.encode()).hexdigest(), role, name, now))
         with whole_or_none(self._path) as partial:
             partial.touch(0o600)
-            partial.write_text("".join(json.dumps(asdict(one)) + "\n" for one in self._browsers), "utf-8")
+            partial.write_text("".join(json.dumps(asdict(browser)) + "\n" for browser in self._browsers), "utf-8")
         self._draw()
         return token, role
 
@@ -101,7 +101,7 @@ class Paired:
                 return
             lines = self._path.read_text("utf-8").splitlines()
             browsers = [Browser(**json.loads(line)) for line in lines if line.strip()]
-            if any(one.role not in get_args(Role) for one in browsers):
+            if any(browser.role not in get_args(Role) for browser in browsers):
                 raise ValueError("a role is operate or look")
         except FileNotFoundError:
             self._read_ns, self._browsers = 0, []

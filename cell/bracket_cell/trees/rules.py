@@ -156,10 +156,10 @@ def _states(part: str) -> Iterator[str]:
     if part in OF_DEVICES:
         kind = OF_DEVICES[part]
         own = [name for name, var in vars(kind).items() if isinstance(var, property)]
-        yield from (f"{part}.{name}" for name in (*(one.name for one in fields(kind)), *own))
+        yield from (f"{part}.{name}" for name in (*(field.name for field in fields(kind)), *own))
     yield from (f"{part}.{name}" for name in {"tool": AXES, "command": COMMANDED}.get(part, ()))
     if part == "cell":
-        yield from (f"cell.{one.name}" for one in fields(Observation) if one.name in _CELL)
+        yield from (f"cell.{field.name}" for field in fields(Observation) if field.name in _CELL)
 
 
 _CELL = ("time_s", "late_s", "acknowledged", "share", "work_s")

@@ -37,7 +37,7 @@ class Debugged:
         self.above: dict[int, int] = {}
         self.labels: dict[int, str] = {}
         self.scopes: dict[int, str] = {}
-        inner = {one.get("_fullpath", ""): int(one.get("_uid", "0")) for one in xml.iter("SubTree")}
+        inner = {subtree.get("_fullpath", ""): int(subtree.get("_uid", "0")) for subtree in xml.iter("SubTree")}
         for tree in xml.iter("BehaviorTree"):
             path = tree.get("_fullpath", "")
             self._note(tree, inner.get(path, 0), path or tree.get("ID", ""))
@@ -169,7 +169,7 @@ class Debugger:
     def set_breakpoints(self, asked: Body) -> Body:
         """The breakpoints of one file, in place of those of before."""
         file = Path(asked["source"]["path"]).resolve()
-        lines = [one["line"] for one in asked.get("breakpoints", ())]
+        lines = [point["line"] for point in asked.get("breakpoints", ())]
         self._wanted[file] = {line: self._number + place for place, line in enumerate(lines, 1)}
         self._number += len(lines)
         self._break()

@@ -31,7 +31,7 @@ def guidance_sentences(
         if product is None or product.most[part]:
             sentences.append(words)
         if product is not None and positions and (whole := product.wholes.get(part)):
-            built = {"place": whole.built_at, "parts": all_of([title(one) for one in whole.made_of])}
+            built = {"place": whole.built_at, "parts": all_of([title(part) for part in whole.made_of])}
             sentences.append(Message("Build the {part} at {place} of {parts}", part=title(part), **built))
     if any_part:
         sentences.append(Message("What goes into {holes} is not sure yet", holes=all_of(any_part)))
@@ -44,7 +44,7 @@ def _order(product: Product, filled: Collection[str], done: Collection[str]) -> 
     for step in product.steps_of(filled):
         first = [] if step in done else product.missing_before(step, done, filled)
         if first and step in product.positions:
-            steps = all_of([step_words(product, one) for one in first])
+            steps = all_of([step_words(product, part) for part in first])
             yield Message("Before {step} comes {first}", step=step, first=steps)
         elif not first and step in product.fastenings and step not in done:
             yield Message("Now {step}", step=step_words(product, step))

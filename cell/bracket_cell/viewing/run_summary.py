@@ -78,19 +78,21 @@ def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
 def _shift(summary: Mapping[str, Any]) -> Rows:
     """Of brackets one after the other: how many came right, who placed the parts, what was asked."""
     done: Sequence[Mapping[str, Any]] = summary["brackets"]
-    finished = [one for one in done if one["finished"]]
+    finished = [bracket for bracket in done if bracket["finished"]]
     told = [f"{len(done)} begun, {len(finished)} finished"]
-    judged = any(one.get("correct") is not None for one in done)
+    judged = any(bracket.get("correct") is not None for bracket in done)
     told += [f"{summary[word]} {word}" for word in ("right", "wrong") if judged and (summary[word] or word == "right")]
     rows = {"brackets": ", ".join(told)}
-    if known := [f"{one['number']} ({', '.join(one['known_wrong'])})" for one in done if one.get("known_wrong")]:
+    if known := [
+        f"{bracket['number']} ({', '.join(bracket['known_wrong'])})" for bracket in done if bracket.get("known_wrong")
+    ]:
         rows["known to be wrong"] = f"bracket {'; '.join(known)}"
     if finished:
-        mean_s = sum(one["sim_time_s"] for one in finished) / len(finished)
+        mean_s = sum(bracket["sim_time_s"] for bracket in finished) / len(finished)
         rows["a bracket took"] = (
-            f"{mean_s:.0f} s on average, {max(one['sim_time_s'] for one in finished):.0f} s at most"
+            f"{mean_s:.0f} s on average, {max(bracket['sim_time_s'] for bracket in finished):.0f} s at most"
         )
-    by = {who: sum(one.get(f"{who}_placements") or 0 for one in done) for who in ("robot", "human")}
+    by = {who: sum(bracket.get(f"{who}_placements") or 0 for bracket in done) for who in ("robot", "human")}
     rows["placed by"] = f"robot {by['robot']}, person {by['human']}"
     if summary.get("contacts"):
         rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"

@@ -66,9 +66,9 @@ class Stepper:
     def stop_at(self, name: str) -> None:
         """Let nodes of this name, or of this kind, wait before they begin; a second time takes that away."""
         word = name.strip().lower()
-        found = {uid for uid, names in self._names.items() if word in {one.lower() for one in names}}
+        found = {uid for uid, names in self._names.items() if word in {name.lower() for name in names}}
         if not found:
-            known = sorted({one for names in self._names.values() for one in names})
+            known = sorted({name for names in self._names.values() for name in names})
             near = get_close_matches(name.strip(), known, 3, 0.6)
             self.told = f"there is no node {name.strip()!r}" + (f"; near to it: {', '.join(near)}" if near else "")
             return

@@ -120,7 +120,7 @@ class WhyNow(Observer):
         if self._held:
             return tuple(self._causes.get(f"supervisor {self._held_by}", {}).values())
         if subject:
-            return tuple(one for (_, of), one in self._causes.get("guard", {}).items() if of == subject)
+            return tuple(cause for (_, of), cause in self._causes.get("guard", {}).items() if of == subject)
         return () if reason is None else tuple(self._causes.get(reason.leaf.path, {}).values())
 
 

@@ -164,7 +164,7 @@ def with_detectors_for(configuration: Configuration, product: Product) -> tuple[
     separation = separation.model_copy(update={"hand_error_m": error_m})
     motion = configuration.motion.model_copy(update={"separation": separation})
     changed = configuration.model_copy(update={"perception": perception, "motion": motion})
-    return changed, "\n".join(one for one in (of_hands, told) if one)
+    return changed, "\n".join(words for words in (of_hands, told) if words)
 
 
 def hand_error_m(perception: Perception) -> float:

@@ -51,7 +51,7 @@ def name_of(kind: type) -> str:
 
 def _records(module: ModuleType) -> Iterator[type]:
     own = [var for var in vars(module).values() if isinstance(var, type) and var.__module__ == module.__name__]
-    return (one for one in own if (is_dataclass(one) or issubclass(one, Enum)) and not issubclass(one, TreeNode))
+    return (kind for kind in own if (is_dataclass(kind) or issubclass(kind, Enum)) and not issubclass(kind, TreeNode))
 
 
 @cache
@@ -95,7 +95,7 @@ def fits(value: Any, hint: Any) -> bool:
 
 def _contents_fit(value: Any, kind: type, inner: tuple[Any, ...]) -> bool:
     if isinstance(value, Mapping):
-        return all(fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items())
+        return all(fits(key, inner[0]) and fits(item, inner[1]) for key, item in value.items())
     if isinstance(value, tuple) and inner[-1] is not Ellipsis and kind is tuple:
-        return len(value) == len(inner) and all(fits(one, of) for one, of in zip(value, inner, strict=True))
-    return not isinstance(value, list | tuple | set | frozenset | deque) or all(fits(one, inner[0]) for one in value)
+        return len(value) == len(inner) and all(fits(item, of) for item, of in zip(value, inner, strict=True))
+    return not isinstance(value, list | tuple | set | frozenset | deque) or all(fits(item, inner[0]) for item in value)

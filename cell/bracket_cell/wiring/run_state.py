@@ -117,19 +117,19 @@ def _nodes(written: list[Any], tree: Tree, read: StateReader) -> list[str]:
         places: dict[tuple[str, str], tuple[list[TreeNode], list[Any]]] = defaultdict(lambda: ([], []))
         for node in tree.nodes:
             places[NUMBER.sub("", node.full_path), type(node).__name__][0].append(node)
-        for one in written:
-            places[NUMBER.sub("", one[0]), one[1]][1].append(one)
+        for entry in written:
+            places[NUMBER.sub("", entry[0]), entry[1]][1].append(entry)
         alike = [two for two in places.values() if len(two[0]) == len(two[1])]
         pairs = [pair for nodes, ones in alike for pair in zip(nodes, ones, strict=True)]
-    found = {id(one): node for node, one in pairs}
-    numbers = {id(one): number for number, one in enumerate(written, 1)}
+    found = {id(entry): node for node, entry in pairs}
+    numbers = {id(entry): number for number, entry in enumerate(written, 1)}
     read.named |= {f"node {numbers[key]}": node for key, node in found.items()}
-    for one in written:
-        filled = found.get(id(one))
+    for entry in written:
+        filled = found.get(id(entry))
         if filled is None:
-            read.skip(one[2])
+            read.skip(entry[2])
         else:
-            vars(filled).update(read.fields(one[2], vars(filled), _attributes_of(filled), one[0]))
+            vars(filled).update(read.fields(entry[2], vars(filled), _attributes_of(filled), entry[0]))
     known = {node.uid for node, _ in pairs}
     return [node.full_path for node in tree.nodes if node.uid not in known]
 

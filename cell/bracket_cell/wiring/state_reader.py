@@ -54,8 +54,8 @@ class StateReader:
         if unknown := sorted(written.keys() - hints.keys()):
             raise StateError(f"{owner} has no field {unknown[0][:40]!r}")
         read = {
-            name: self.value(one, hints[name], f"{owner}.{name}", was.get(name, MISSING))
-            for name, one in written.items()
+            name: self.value(item, hints[name], f"{owner}.{name}", was.get(name, MISSING))
+            for name, item in written.items()
         }
         return {name: value for name, value in read.items() if value is not MISSING}
 
@@ -105,7 +105,7 @@ class StateReader:
             if name in written:
                 old = list(was) if isinstance(was, list | tuple) else []
                 old += [MISSING] * (len(written[name]) - len(old))
-                items = [self(one, before) for one, before in zip(written[name], old, strict=False)]
+                items = [self(item, before) for item, before in zip(written[name], old, strict=False)]
                 return kind(item for item in items if item is not MISSING)
         if (pairs := written.get("dict", written.get("frozen"))) is not None:
             before: Mapping[Any, Any] = was if isinstance(was, Mapping) else {}

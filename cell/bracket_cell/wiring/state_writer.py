@@ -64,7 +64,7 @@ class StateWriter:
         if isinstance(value, dict | MappingProxyType):
             return {
                 "frozen" if isinstance(value, MappingProxyType) else "dict": [
-                    [self(key), self(one)] for key, one in value.items()
+                    [self(key), self(item)] for key, item in value.items()
                 ]
             }
         if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":

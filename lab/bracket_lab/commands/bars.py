@@ -205,7 +205,7 @@ def measured(
     """A row for each figure; commands whose answers are kept are not asked again.
 
     Args:
-        parts: folder for what commands keep of an interrupted bar.
+        parts: folder for what commands keep of an interrupted measurement.
     """
     for bar in chosen:
         command = bar.told(first_seed)

@@ -126,13 +126,13 @@ class PlacementEvents:
         self._evidence[:, here] += pairs[:, here]
         self._open(time_s, here, at_hole * released)
         self._leave(time_s, here, released if holds is None else 0.0)
-        for one in filled:
-            self._wait(time_s, one)
+        for hole in filled:
+            self._wait(time_s, hole)
         for position in unfilled:
             self._opened_s[position], self._awaited[position] = np.inf, False
             self._filled.pop(position, None)
             self._stands.pop(position, None)
-        fallen = {(one.part, one.position) for one in dropped}
+        fallen = {(hole.part, hole.position) for hole in dropped}
         return self._by_hand(time_s, here, filled) or self._shown(time_s, here, fallen, holds)
 
     def _open(self, time_s: float, here: Bools, opened: Floats) -> None:
@@ -191,9 +191,9 @@ class PlacementEvents:
         """(parts,) which part was placed there: by the hand, and by the hole where it is newly filled."""
         share: Floats = self._evidence[:, position].copy()
         if position in self._filled:
-            one, _ = self._filled[position]
-            likely = np.full(len(share), (1 - one.confidence) / len(share))
-            likely[one.part] = one.confidence
+            hole, _ = self._filled[position]
+            likely = np.full(len(share), (1 - hole.confidence) / len(share))
+            likely[hole.part] = hole.confidence
             share *= likely
         return share / max(float(share.sum()), 1e-9)
 
@@ -203,22 +203,22 @@ class PlacementEvents:
         self._filled.pop(position, None)
         return Placement(int(share.argmax()), position, time_s, tuple(float(value) for value in share), shown)
 
-    def _wait(self, time_s: float, one: Filled) -> None:
+    def _wait(self, time_s: float, hole: Filled) -> None:
         """A hole is newly filled: the hand tells it first, as fingers may still hold what is there."""
-        if self._stands.get(one.position, one.part) != one.part:
-            del self._stands[one.position]  # another part is there
-        if self._awaited[one.position]:
-            self._awaited[one.position] = one.confidence < self._settings.shown_confidence
+        if self._stands.get(hole.position, hole.part) != hole.part:
+            del self._stands[hole.position]  # another part is there
+        if self._awaited[hole.position]:
+            self._awaited[hole.position] = hole.confidence < self._settings.shown_confidence
             return
-        before, since_s = self._filled.get(one.position, (one, time_s))
-        if before.part != one.part:
-            before, since_s = one, time_s
-        self._filled[one.position] = max(before, one, key=lambda look: look.confidence), since_s
+        before, since_s = self._filled.get(hole.position, (hole, time_s))
+        if before.part != hole.part:
+            before, since_s = hole, time_s
+        self._filled[hole.position] = max(before, hole, key=lambda look: look.confidence), since_s
 
-    def _agrees(self, one: Filled) -> bool:
+    def _agrees(self, hole: Filled) -> bool:
         """Whether hand and hole together are sure that this part was placed there; else the hole does not tell it."""
-        collected = float(self._evidence[:, one.position].sum())
-        sure = float(self._share(one.position)[one.part]) >= self._settings.shown_confidence
+        collected = float(self._evidence[:, hole.position].sum())
+        sure = float(self._share(hole.position)[hole.part]) >= self._settings.shown_confidence
         return sure and collected >= self._settings.shown_evidence
 
     def _forget(self, time_s: float, at_hole: Floats) -> None:

@@ -116,7 +116,7 @@ def fit_wrist_camera(shots: Sequence[Shot], bench: Bench, product: Product) -> F
     for turns in list(others)[1:]:
         if best.rms_px <= MOST_RMS_PX:
             break
-        best = max(best, fit(turns), key=lambda one: (one.rms_px <= MOST_RMS_PX, one.holes))
+        best = max(best, fit(turns), key=lambda tried: (tried.rms_px <= MOST_RMS_PX, tried.holes))
     return best
 
 

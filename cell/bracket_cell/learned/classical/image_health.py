@@ -157,7 +157,7 @@ class ImageHealth:
         if usual is None:
             self._baseline.append(figures)
             if len(self._baseline) == IMAGE.baseline_frames:
-                self._usual = _Figures(*np.median([tuple(vars(one).values()) for one in self._baseline], axis=0))
+                self._usual = _Figures(*np.median([tuple(vars(seen).values()) for seen in self._baseline], axis=0))
             return ""
         light = float(np.log(figures.light / usual.light))
         if abs(light) > IMAGE.light_log:
@@ -274,7 +274,7 @@ def _look(image: NDArray[np.uint8]) -> _Looked:
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
     red, green, blue = cv2.split(small)
     high, low = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
-    small, high, low = (np.asarray(one, np.uint8) for one in (small, high, low))
+    small, high, low = (np.asarray(image, np.uint8) for image in (small, high, low))
     return _Looked(samples, small, high, low, grey, _figures(samples, grey))
 
 

@@ -37,7 +37,8 @@ def heights_by_depth(frame: Frame, view: View, reading: Reading, guess_m: tuple[
     palm = over_table(seen - UNDER_SKIN_M)
     tips = palm + tips_m - palm_m
     found = [height_at(frame.depth_mm, view, reading.points_px[name], TIP_PX) for name in ("thumb", "index")]
-    near = [one - UNDER_NAIL_M for one in found if one is not None and abs(one - UNDER_NAIL_M - tips) < TIPS_BELIEVED_M]
+    below_m = [nail_m - UNDER_NAIL_M for nail_m in found if nail_m is not None]
+    near = [height_m for height_m in below_m if abs(height_m - tips) < TIPS_BELIEVED_M]
     return palm, over_table(float(np.mean(near)) if near else tips)
 
 

@@ -66,13 +66,13 @@ class JointReader:
             found += [one] if followed else self._asked(image, one)
         return _apart(sorted(found, key=lambda reading: -reading.confidence))
 
-    def _asked(self, image: Image, one: Reading) -> list[Reading]:
+    def _asked(self, image: Image, reading: Reading) -> list[Reading]:
         """What the small networks see alone, as far as MediaPipe believes it."""
-        seen = self._theirs.read_at(image, one)
+        seen = self._theirs.read_at(image, reading)
         if seen is None or seen.confidence < REFUSED:
             return []
         believed = seen.confidence >= LEAST_PRESENCE
-        return [agreed(one, seen) if believed else replace(one, confidence=min(one.confidence, UNSURE))]
+        return [agreed(reading, seen) if believed else replace(reading, confidence=min(reading.confidence, UNSURE))]
 
 
 def agreed(ours: Reading, theirs: Reading) -> Reading:

@@ -98,12 +98,12 @@ class SlimReader:
         """All hands in an RGB image, surest first."""
         small, likely, found = self._seen(image)
         same_px = SAME_SHARE * self._regions.side_px
-        missing = [one for one in expected_px if _apart(one, likely, same_px)]
+        missing = [at_px for at_px in expected_px if _apart(at_px, likely, same_px)]
         found = [*found, *self._closely(image, small, missing[: MOST_REGIONS - len(likely)])]
         best: list[Reading] = []
         for reading in sorted(found, key=lambda one: -one.confidence):
             if reading.confidence >= LEAST_CONFIDENCE and _apart(
-                reading.centre_px, [one.centre_px for one in best], same_px
+                reading.centre_px, [better.centre_px for better in best], same_px
             ):
                 best.append(reading)
         return best

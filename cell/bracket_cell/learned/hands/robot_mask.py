@@ -53,9 +53,9 @@ class RobotMask:
         """Whether a hand is found there without the robot, too, by a reader that is not told where to look."""
         found = self._reader.read(self._painted, [])
         return any(
-            one.confidence >= LEFT_CONFIDENCE
-            and float(np.linalg.norm(one.centre_px - reading.centre_px)) < self._near_px
-            for one in found
+            other.confidence >= LEFT_CONFIDENCE
+            and float(np.linalg.norm(other.centre_px - reading.centre_px)) < self._near_px
+            for other in found
         )
 
     @cached_property

@@ -166,9 +166,9 @@ class HandTracks:
         """
         view, now_s = View.of(self._setup.model, frame), frame.time_s
         self._lose(now_s)
-        readings = self._reader.read(frame.image, [one.expected_px(now_s) for one in self._tracks])
+        readings = self._reader.read(frame.image, [track.expected_px(now_s) for track in self._tracks])
         self._assign(readings, now_s, RobotMask(frame, view, self._reader, self._near_px))
-        seen = [one for one in self._tracks if one.seen_s == now_s]
+        seen = [track for track in self._tracks if track.seen_s == now_s]
         self._doubtful = tuple(reading for reading in readings if all(reading is not track.reading for track in seen))
         self._choose(seen)
         if self._works is not None and self._works.seen_s == now_s:
@@ -179,14 +179,14 @@ class HandTracks:
             by_colour = heights_m(one.reading, view, self._palm_length)
             heights = heights_by_depth(frame, view, one.reading, by_colour)
             samples[id(one)] = _sample(one, view, frame, heights, by_depth=heights != by_colour)
-        self._others = tuple(samples[id(one)] for one in seen if one is not self._works)
+        self._others = tuple(samples[id(track)] for track in seen if track is not self._works)
         return samples.get(id(self._works))
 
     def _lose(self, now_s: float) -> None:
         """Forget hands that were not seen for long; where they were is remembered longer."""
-        kept = [one for one in self._tracks if 0 < now_s - one.seen_s <= LOST_S]
-        self._lost += [one for one in self._tracks if one not in kept and one.away]
-        self._lost = [one for one in self._lost if 0 < now_s - one.seen_s <= COMES_BACK_S]
+        kept = [track for track in self._tracks if 0 < now_s - track.seen_s <= LOST_S]
+        self._lost += [track for track in self._tracks if track not in kept and track.away]
+        self._lost = [track for track in self._lost if 0 < now_s - track.seen_s <= COMES_BACK_S]
         self._tracks = kept
 
     def _assign(self, readings: list[Reading], now_s: float, robot: RobotMask) -> None:
@@ -195,7 +195,7 @@ class HandTracks:
         What has been seen on the robot alone, and is explained by it, is no hand.
         """
         expected, centres = (
-            [one.expected_px(now_s) for one in self._tracks],
+            [track.expected_px(now_s) for track in self._tracks],
             [reading.centre_px for reading in readings],
         )
         pairs = matched(expected, centres, self._near_px)
@@ -224,7 +224,7 @@ class HandTracks:
 
     def _was_seen(self, reading: Reading) -> bool:
         """Whether a hand was lost about there: it may have come back."""
-        return any(_apart_px(one.reading.centre_px, reading.centre_px) < self._near_px for one in self._lost)
+        return any(_apart_px(track.reading.centre_px, reading.centre_px) < self._near_px for track in self._lost)
 
     def _choose(self, seen: list[_Track]) -> None:
         """Which hand works: the one that did, unless another looks more like it by far.
@@ -233,18 +233,20 @@ class HandTracks:
         look alike, the one that is nearest to where a hand worked last.
         """
         works = self._works
-        best = max(seen, key=lambda one: one.works, default=None)
+        best = max(seen, key=lambda track: track.works, default=None)
         if best is not None and best.acting < 0.5:
             best = None
-        if works is not None and any(one is works for one in seen):
+        if works is not None and any(track is works for track in seen):
             if best is None or best.works < works.works + TAKES_OVER:
                 best = works if works.acting > STILL_WORKS else best
         elif works is not None:
-            lost = any(one is works for one in self._tracks)
+            lost = any(track is works for track in self._tracks)
             least = 0.0 if best is None else best.works - TAKES_OVER
-            alike = [one for one in seen if one.works > least and one.acting >= 0.5]
-            alike = [one for one in alike if not lost or one.begun_s > works.seen_s]
-            best = min(alike, key=lambda one: _apart_px(one.reading.centre_px, works.reading.centre_px), default=works)
+            alike = [track for track in seen if track.works > least and track.acting >= 0.5]
+            alike = [track for track in alike if not lost or track.begun_s > works.seen_s]
+            best = min(
+                alike, key=lambda track: _apart_px(track.reading.centre_px, works.reading.centre_px), default=works
+            )
         self._works = best
 
 

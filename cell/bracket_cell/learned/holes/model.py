@@ -111,7 +111,9 @@ class HoleNetwork:
 
     def read(self, *answers: Answer) -> dict[str, Reading | None]:
         """By position, from the mean of some answers; None where a hole is covered, or nothing can be said for sure."""
-        means = {name: np.mean([one[name] for one in answers], axis=0) for name in ("kinds", "upright", "covered")}
+        means = {
+            name: np.mean([answer[name] for answer in answers], axis=0) for name in ("kinds", "upright", "covered")
+        }
         rows = zip(self._positions, means["kinds"], means["upright"], means["covered"], strict=True)
         return {position: self._reading(kinds, float(up), float(hidden)) for position, kinds, up, hidden in rows}
 
@@ -179,4 +181,4 @@ class PlateHoleReader:
         beside_px = BESIDE_M * view.pixels_per_m(hole_m.tolist())
         seen = [points for points in robot_m if float(view.depths(points).min()) > LEAST_DEPTH_M]
         outlines = (outline(view.pixels(points)).astype(np.float32) for points in seen)
-        return any(cv2.pointPolygonTest(one, hole, measureDist=True) > -beside_px for one in outlines)
+        return any(cv2.pointPolygonTest(outline, hole, measureDist=True) > -beside_px for outline in outlines)

@@ -242,7 +242,7 @@ class ForeignModel:
         except (ValueError, *LOAD_ERRORS) as error:
             raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
         found = {name: np.asarray(answer, np.float32) for name, answer in zip(self._outputs, answers, strict=True)}
-        if wrong := [name for name, one in found.items() if not np.isfinite(one).all()]:
+        if wrong := [name for name, values in found.items() if not np.isfinite(values).all()]:
             raise ModelError(f"{self.path}: output {wrong[0]!r} is not finite")
         return found
 

@@ -78,7 +78,7 @@ class LyingFitter:
         scene = Scene(self._camera, frame.world_from_camera, window)
         models = [self._models[name] for name in types if name in self._models]
         guesses = _various([guess for model in models for guess in self._coarse(scene, model)])
-        guesses = [replace(one, agreement=scene.agreements(one.model, one.poses)[0]) for one in guesses]
+        guesses = [replace(guess, agreement=scene.agreements(guess.model, guess.poses)[0]) for guess in guesses]
         for step, later in zip(STEPS, LATER, strict=True):
             guesses = _promising([_finer(scene, guess, *step) for guess in guesses], later)
         return _surest([(guess, guess.agreement + PEG_WEIGHT * _peg(scene, guess)) for guess in guesses])

@@ -248,7 +248,7 @@ def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
     if name not in log.attachments:
         raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
     with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
-        files = {one: content for one, content in log.attachments.items() if not one.startswith(FOLDER)}
+        files = {name: content for name, content in log.attachments.items() if not name.startswith(FOLDER)}
         write_files(log, files, Path(folder))
         return load_yaml(Path(folder) / name, kind)
 

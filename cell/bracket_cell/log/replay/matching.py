@@ -39,18 +39,18 @@ def _placed(tree: Tree) -> list[Placed]:
     return list(zip(tree.nodes, tree.origins, strict=True))
 
 
-def _kind(one: Placed) -> Any:
-    return NUMBER.sub("", one[0].full_path), one[1].tag
+def _kind(placed: Placed) -> Any:
+    return NUMBER.sub("", placed[0].full_path), placed[1].tag
 
 
-def _whole(one: Placed) -> Any:
-    return *_kind(one), tuple(sorted(one[1].attributes.items()))
+def _whole(placed: Placed) -> Any:
+    return *_kind(placed), tuple(sorted(placed[1].attributes.items()))
 
 
 def _matched(was: Sequence[Placed], now: Sequence[Placed], keys: Sequence[Any]) -> Iterator[tuple[Placed, Placed]]:
     """Pairs in the order of both files: first those that are alike in everything, between them those of one kind."""
     key, *others = keys
-    matcher = SequenceMatcher(None, [key(one) for one in was], [key(one) for one in now], autojunk=False)
+    matcher = SequenceMatcher(None, [key(item) for item in was], [key(item) for item in now], autojunk=False)
     for kind, a, b, c, d in matcher.get_opcodes():
         if kind == "equal":
             yield from zip(was[a:b], now[c:d], strict=True)

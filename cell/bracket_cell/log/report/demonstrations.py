@@ -75,12 +75,12 @@ def demonstration_of(log: Log, product: Product) -> Taken:
 def _lasting(placed: list[Placed]) -> list[Placed]:
     """Placements that were not taken back or corrected, in the order in which they were made."""
     current: dict[str, Placed] = {}
-    for one in placed:
-        if one.confirms:
+    for placement in placed:
+        if placement.confirms:
             continue
-        current.pop(one.position, None)
-        if one.part != NOTHING:
-            current[one.position] = one
+        current.pop(placement.position, None)
+        if placement.part != NOTHING:
+            current[placement.position] = placement
     return list(current.values())
 
 

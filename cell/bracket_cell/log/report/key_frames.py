@@ -64,8 +64,8 @@ def _moments(log: Log, placed: Sequence[Placed]) -> Iterator[tuple[float, str, s
     """(time, camera, caption) of what is worth a picture."""
     action, parts = "", None
     yield log.ticks[0].time_s, "overhead", "begin"
-    for one in placed:
-        yield one.time_s, "overhead", f"{one.part} at {one.position} ({one.source})"
+    for placement in placed:
+        yield placement.time_s, "overhead", f"{placement.part} at {placement.position} ({placement.source})"
     for tick in log.ticks:
         bench, seen = tick.observation.bench, tick.observation.parts
         if bench is not None and bench.action.kind != action:

@@ -70,10 +70,12 @@ def _replayed(log: Log, changes: Changes, take: Any) -> list[str]:
     """Replay a log for its entries; what of it does not go as it was, in words."""
     found: list[str] = []
 
-    def step(one: Step) -> None:
-        if one.differences and not found:
-            found.append(f"from {one.logged.time_s:.2f} s on the replay differs: its entries are not those of the run")
-        take((one.logged, one.blackboard))
+    def step(replayed: Step) -> None:
+        if replayed.differences and not found:
+            found.append(
+                f"from {replayed.logged.time_s:.2f} s on the replay differs: its entries are not those of the run"
+            )
+        take((replayed.logged, replayed.blackboard))
 
     Replay(log, changes).run(watch=step)
     return found

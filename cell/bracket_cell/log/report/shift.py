@@ -77,8 +77,8 @@ def trend_of(brackets: Sequence[BracketRow]) -> Trend | None:
     return Trend(bars, longest_s, [_stretch(ended[i : i + size]) for i in range(0, len(ended), size)])
 
 
-def _waiting(one: BracketRow, unit: float) -> float:
-    return round(min(one.waited_s, one.length_s) * unit, 1)
+def _waiting(row: BracketRow, unit: float) -> float:
+    return round(min(row.waited_s, row.length_s) * unit, 1)
 
 
 def _stretch(some: Sequence[BracketRow]) -> Stretch:
@@ -134,7 +134,7 @@ def shift_from(
     keeper = keeper or Bookkeeper(Book(), RunRow(""))
     keeper.end("")
     judged = _list(result().get("brackets", ""))
-    known = {one.get("number"): one for one in judged if isinstance(one, dict)}
+    known = {bracket.get("number"): bracket for bracket in judged if isinstance(bracket, dict)}
     keeper.judge([known.get(row.number, {}) for row in keeper.rows])
     return keeper
 

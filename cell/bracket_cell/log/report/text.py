@@ -97,13 +97,13 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
     ("plan", "next"): ("plan", _next),
     ("plan", "required"): (
         "plan",
-        lambda one: f"part {one['required']}: {one['solution']} (graspable {one['graspable']:.1%})",
+        lambda note: f"part {note['required']}: {note['solution']} (graspable {note['graspable']:.1%})",
     ),
     ("verdict", "decision"): ("guard", _verdict),
-    ("skill", "node"): ("skill", lambda one: f"{one['node']} {one.get('status')}: {one.get('reason')}"),
-    ("cause", "relation"): ("compared", lambda one: cause_text(one).removeprefix("compared").strip()),
+    ("skill", "node"): ("skill", lambda note: f"{note['node']} {note.get('status')}: {note.get('reason')}"),
+    ("cause", "relation"): ("compared", lambda note: cause_text(note).removeprefix("compared").strip()),
     ("help", "costs"): ("help", _help),
-    ("help", ""): ("help", lambda one: str(one.get("text"))),
+    ("help", ""): ("help", lambda note: str(note.get("text"))),
 }
 
 
@@ -117,7 +117,7 @@ def cause_text(cause: Mapping[str, Any]) -> str:
 
 def why_text(why: Mapping[str, Any]) -> str:
     """Why a tree ended so or goes on, and what would have changed it."""
-    compared = [f"; {cause_text(one)}" for one in why.get("causes", ())]
+    compared = [f"; {cause_text(cause)}" for cause in why.get("causes", ())]
     otherwise = f"; otherwise {why['otherwise']}" if why["otherwise"] else ""
     return "".join([str(why["text"]), *compared, otherwise])
 
@@ -216,7 +216,7 @@ def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
         yield f"{title}:"
         yield from _columns(values.items())
     yield "topics: messages, size"
-    sizes = ((topic, f"{one['messages']:7d}  {_size(one['bytes']):>9}") for topic, one in info["topics"].items())
+    sizes = ((topic, f"{of['messages']:7d}  {_size(of['bytes']):>9}") for topic, of in info["topics"].items())
     yield from _columns(sizes)
 
 

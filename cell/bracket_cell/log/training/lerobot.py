@@ -86,7 +86,7 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
     try:
         with whole_or_none(folder) as partial:
             episodes, sizes = [], dict[str, tuple[int, int]]()
-            cameras = [one for one in CAMERAS if filmed and all(Frames(log).times_s(one) for log in logs)]
+            cameras = [camera for camera in CAMERAS if filmed and all(Frames(log).times_s(camera) for log in logs)]
             for number, log in enumerate(logs):
                 episode = rows_of(log, rate_hz)
                 for camera in cameras:
@@ -195,7 +195,7 @@ def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
 def _info(episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
     names = of_state(episodes[0].joints)
     vector = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
-    videos = {_video(one): _about_video(size, rate_hz) for one, size in sizes.items()}
+    videos = {_video(camera): _about_video(size, rate_hz) for camera, size in sizes.items()}
     flag, whole = {"dtype": "bool", "shape": [1], "names": None}, {"dtype": "int64", "shape": [1], "names": None}
     return {
         "codebase_version": VERSION,
@@ -258,7 +258,7 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
 def _of_episode(episode: Episode, rate_hz: float) -> dict[str, Any]:
     """The statistics of one episode, as columns of its row."""
     found = _statistics([episode], rate_hz)
-    return {f"stats/{name}/{key}": value for name, one in found.items() for key, value in one.items()}
+    return {f"stats/{name}/{key}": value for name, inner in found.items() for key, value in inner.items()}
 
 
 def _spread(values: Array) -> dict[str, list[float]]:

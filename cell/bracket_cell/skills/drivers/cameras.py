@@ -390,6 +390,6 @@ def _of_frames(what: str, frames: list[Frame], rate_hz: float, age_s: float) -> 
         return DeviceCheck(told, "too old: less buffering in the camera, or another way to it")
     if max(float(np.mean(frame.image)) for frame in frames) < DARK:
         return DeviceCheck(told, "they are black: take the cover off, light the bench, or raise exposure")
-    if all(np.array_equal(frames[0].image, one.image) for one in frames[1:]):
+    if all(np.array_equal(frames[0].image, frame.image) for frame in frames[1:]):
         return DeviceCheck(told, "they are all the same: the camera is frozen; unplug it for a moment")
     return DeviceCheck(told)

@@ -86,7 +86,7 @@ class CanGripper:
         )
         self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, echo=True)
         wanted = (*self._received, self._command.frame_id)
-        self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in wanted])
+        self._bus.set_filters([{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in wanted])
         self._clock, self._settings = clock, settings
         self._tap: Tap = _nobody
         self._ranges = ranges(gripper)

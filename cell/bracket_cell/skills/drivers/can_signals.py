@@ -55,7 +55,7 @@ class CanSignals:
         if name not in self._outputs:
             raise DeviceFault("signals", f"no output {name!r}; there are: {', '.join(self._outputs) or 'none'}")
         self._outputs[name] = value
-        bits = sum(1 << self._settings.outputs[one] for one, on in self._outputs.items() if on)
+        bits = sum(1 << self._settings.outputs[name] for name, on in self._outputs.items() if on)
         self._send(OUTPUTS + self._settings.node_id, bits.to_bytes(8, "little"))
 
     def close(self) -> None:

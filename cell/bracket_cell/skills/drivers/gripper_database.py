@@ -70,7 +70,7 @@ def _problem(path: Path, what: str) -> SettingError:
 
 
 def _problems(database: Database, wanted: Message) -> Iterator[str]:
-    message = next((one for one in database.messages if one.name == wanted.name), None)
+    message = next((candidate for candidate in database.messages if candidate.name == wanted.name), None)
     if message is None:
         yield f"message {wanted.name} is missing"
         return

@@ -40,10 +40,10 @@ def scene_of(model: CellModel) -> dict[str, Any]:
     }
 
 
-def solid_of(one: Solid) -> dict[str, Any]:
+def solid_of(solid: Solid) -> dict[str, Any]:
     """A solid of a part; of a hull its triangles, (t, 3, 3)."""
-    faces = one.faces.corners_m.round(DIGITS + 1).tolist() if one.solid == "hull" else None
-    return {**one.model_dump(exclude={"corners_m"}), "faces_m": faces}
+    faces = solid.faces.corners_m.round(DIGITS + 1).tolist() if solid.solid == "hull" else None
+    return {**solid.model_dump(exclude={"corners_m"}), "faces_m": faces}
 
 
 def pose_of(seen: Observation) -> dict[str, Any]:

@@ -160,7 +160,7 @@ class PageServer(WebServer):
         images, wanted = list(self._images), request.query_params.get("sequence", "")
         if not images:
             return Response(status_code=204)
-        image = next((one for one in images if str(one[0]) == wanted), images[-1])
+        image = next((shown for shown in images if str(shown[0]) == wanted), images[-1])
         if self._jpeg[0] != image[0]:
             self._jpeg = image[0], await asyncio.to_thread(_encoded, image[1])
         return Response(self._jpeg[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})

@@ -154,7 +154,7 @@ def apart(rois: Sequence[Roi]) -> list[Roi]:
     """Without the later ones of squares that overlap."""
     kept: list[Roi] = []
     for roi in rois:
-        if not kept or float(overlaps(_box(roi), np.stack([_box(one) for one in kept])).max()) <= SAME_OVERLAP:
+        if not kept or float(overlaps(_box(roi), np.stack([_box(other) for other in kept])).max()) <= SAME_OVERLAP:
             kept.append(roi)
     return kept
 

@@ -198,6 +198,10 @@ class Guard:
             return self._asks(self.outlook(plan, state, may_ask, waited_s), "goal")
         return plan.goal == UNKNOWN_GOAL or self.unclear(plan, state) is not None
 
+    def unlisted_s(self, plan: AssemblyPlan) -> float:
+        """What it is expected to cost to take a bracket for a known product."""
+        return self._settings.wrong_act_s * plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
+
     def sure_of_next(self, plan: AssemblyPlan, part: str | None = None) -> bool:
         """Whether a placement, of this type if one is named, is so probable that the robot may act, or ask about it."""
         beliefs = (belief for (name, _), belief in plan.next_belief.items() if part in (None, name))

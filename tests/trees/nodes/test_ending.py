@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from bracket_cell.trees.nodes.people import AssemblyFinished
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.trees.nodes.watching import SeenAction
 from bracket_ground.interfaces.perception import Action, HandSample, HoleView
-from bracket_ground.interfaces.planning import AssemblyState
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyState
 from btxml.engine.status import Status
-from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, PRODUCT, hand_at, see, services
+from tests.trees.nodes.rig import EMPTY_HOLES, IDLE, PRODUCT, SURE, ScriptedPlanner, hand_at, see, services
 
 PLACED = Action("assembly", 0.9, "o1", "p2", finished=True)
 TRANSIT = Action("transit", 0.6)
@@ -22,7 +24,7 @@ AT_REST, OVER_A_HOLE = hand_at(1.1, 0.45), hand_at(0.72, 0.2)
 def ending(at: Services, state: AssemblyState = FULL) -> AssemblyFinished:
     node = AssemblyFinished("finished")
     node.setup(services=at)
-    for port, value in (("state", state), ("away_m", 0.2), ("beside_m", 0.1), ("away_s", 8.0)):
+    for port, value in (("state", state), ("away_m", 0.2), ("beside_m", 0.1), ("away_s", 8.0), ("looks_s", 2.0)):
         getattr(node, port).entry.value = value
     return node
 
@@ -84,3 +86,21 @@ def test_a_hole_that_is_not_seen_filled_is_told_and_counts_once_nobody_could_mak
     assert at.now.display.message == "waiting: not yet seen filled: p4"
     node.state.entry.value = AssemblyState(FULL.placed, kept={"p4": None})  # type: ignore[union-attr]
     assert ticked(node, 6.0, IDLE, AT_REST, holes=holes) is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("unlisted", "robots", "told", "waits"),
+    [(0.02, "p6", None, True), (0.001, "p6", None, False), (0.02, "p1", None, False), (0.02, "p6", "g0", False)],
+)
+def test_who_may_build_what_nobody_listed_has_time_to_take_out_the_last_part(
+    unlisted: float, robots: str, told: str | None, waits: bool
+) -> None:
+    at = services()
+    belief = {**dict.fromkeys(PRODUCT.goals, 0.0), "g0": 1 - unlisted, UNKNOWN_GOAL: unlisted}
+    at.tools = replace(
+        at.tools, semantic=ScriptedPlanner(replace(SURE, goal_belief=belief, guidance={}, next_part=None))
+    )
+    node = ending(at, replace(FULL, by_robot={robots: "o1"}, told_goal=told))
+    ends = [ticked(node, time_s, IDLE, AT_REST) for time_s in (1.0, 2.5, 3.1)]
+    assert ends[-1] is Status.SUCCESS
+    assert (ends[1] is Status.FAILURE) == waits

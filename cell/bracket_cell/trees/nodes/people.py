@@ -205,9 +205,10 @@ def distance_m(point: tuple[float, float], start: Array, end: Array) -> float:
 class AssemblyFinished(CellNode):
     """Every position is filled and seen to be filled, and the hand has left (condition of Alg. 1's while).
 
-    A hand that is said to be at work has left, too, once it was away from every hole, or lay still beside them, for a
-    while: an action detector may err as long as the hand rests. A hole that nobody could make visible counts as the
-    graph has it. Where only this is waited for, the person is told what.
+    Where a product that is not listed is likely enough by people's own parts, there is time to take out what the robot
+    placed last. A hand that is said to be at work has left, too, once it was away from every hole, or lay still beside
+    them, for a while: an action detector may err as long as the hand rests. A hole that nobody could make visible
+    counts as the graph has it. Where only this is waited for, the person is told what.
     """
 
     traits = Traits(shown_as=ShownAs.FINISHED)
@@ -218,8 +219,15 @@ class AssemblyFinished(CellNode):
     )
     beside_m = InputPort(float, "how far from every hole a hand has left that lies still", default=0.1, least=0)
     away_s = InputPort(float, "how long it must be so far away", default=8.0, least=0)
-    persistent = ("_full_since_s", "_away_since_s")
+    looks_s = InputPort(
+        float,
+        "time to take out what the robot placed last, where a wrong end is expected to cost more",
+        default=0.0,
+        least=0,
+    )
+    persistent = ("_full_since_s", "_away_since_s", "_stands_since_s")
 
+    _stands_since_s: float | None = None
     _full_since_s: float | None = None
     _away_since_s: float | None = None
 
@@ -240,7 +248,7 @@ class AssemblyFinished(CellNode):
         services, state = self.services, self.state.get()
         view, placed = services.now.observation.bench, state.placed
         if still := open_steps(services, state):
-            self._full_since_s = self._away_since_s = None
+            self._full_since_s = self._away_since_s = self._stands_since_s = None
             if unfastened := [step for step in still if step in services.tools.product.fastenings]:
                 return Message("not yet fastened: {steps}", steps=", ".join(unfastened))
             return Message("{count} positions are open", count=len(still))
@@ -254,7 +262,19 @@ class AssemblyFinished(CellNode):
         known = asked if self.tools.guard.wants_holes else asked | (placed.keys() - seen)
         if unseen := [position for position in placed if seen.get(position) is None and position not in known]:
             return Message("not yet seen filled: {unseen}", unseen=" ".join(unseen))
-        return "" if left else "the hand still moves"
+        if not left:
+            return "the hand still moves"
+        return "somebody may take out what was placed last" if self._may_object(state) else ""
+
+    def _may_object(self, state: AssemblyState) -> bool:
+        """Whether who knows a product that is not listed has not yet had time to take out the robot's last part."""
+        seen, tools = self.services.now.observation, self.tools
+        if seen.arm.moving or self._stands_since_s is None:
+            self._stands_since_s = seen.time_s
+        looked = self.compare(seen.time_s - self._stands_since_s, ">=", self.looks_s)
+        if looked or state.told_goal is not None or list(state.placed)[-1] not in state.by_robot:
+            return False
+        return tools.guard.unlisted_s(tools.infer(state.by_people, seen.operator.job)) >= self.looks_s.get()
 
     def _may_need_more(self, state: AssemblyState) -> str:
         """Title of another likely goal that is not whole yet; empty where there is none."""

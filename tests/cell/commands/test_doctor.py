@@ -162,4 +162,4 @@ def test_what_a_product_of_ones_own_is_seen_by_is_a_note(monkeypatch: pytest.Mon
         file.write_text(re.sub(r"\bo1\b", "ball", file.read_text()))
     (finding,) = [one for one in examine(path) if one.what.startswith("detectors")]
     assert (finding.ok, finding.needed) == (False, False)
-    assert "perception is classical" in finding.remedy
+    assert "classical (colours, outlines): actions, holes, parts: " in finding.remedy

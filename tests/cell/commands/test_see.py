@@ -317,9 +317,19 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
     assert set(picture.parent.iterdir()) == before
 
 
-def test_a_product_that_no_weights_know_is_seen_by_colour(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("own", "classical"),
+    [("", "actions, holes, parts"), ("parts: {kind: centre, weights: own.onnx}", "actions, holes")],
+)
+def test_a_product_that_no_weights_know_is_seen_by_colour_but_by_detectors_of_its_own(
+    picture: Path, capsys: pytest.CaptureFixture[str], own: str, classical: str
+) -> None:
     for name in ("cell.yaml", "sim.yaml", "products.yaml"):
-        text = DEFAULT_CONFIGURATION.with_name(name).read_text("utf-8")
+        text = (
+            DEFAULT_CONFIGURATION.with_name(name)
+            .read_text("utf-8")
+            .replace("  kind: learned ", f"  {own}\n  kind: learned ")
+        )
         picture.with_name(name).write_text(re.sub(r"\bo1\b", "ball", text))
     assert main(["lab", "see", str(picture), "--config", "cell.yaml"]) == 0
-    assert "perception is classical" in capsys.readouterr().err
+    assert f"classical (colours, outlines): {classical}: " in capsys.readouterr().err

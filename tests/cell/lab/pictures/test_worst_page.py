@@ -121,4 +121,4 @@ def test_parts_of_other_names_are_trained_with_a_curve_and_hands_stay_learned(
     assert [int(count) for count in re.findall(r"map_50 of (\d+) pictures", said)] == [2, 4, 8]
     assert OnnxModel.card_of(Path("t.onnx")).vocabulary["parts"] == ("tool1", "tool2", "tool3")
     assert main(["lab", "see", "photos/0.png", "--json", *own]) == 0
-    assert "hands" not in re.findall(r"perception is classical.*", "".join(capsys.readouterr()))
+    assert "classical (colours, outlines): actions, holes, parts: " in "".join(capsys.readouterr())

@@ -149,8 +149,8 @@ def seen_part(parts: PartsView, index: int) -> PartDetection:
 
 
 def lies_on_its_side(title: str) -> str:
-    """Why a part cannot be taken that is seen, but not standing."""
-    return Message("the {title} lies on its side, as far as I see", title=title)
+    """Why a part cannot be taken that is seen, but not standing; a detector of boxes alone sees none stand."""
+    return Message("the {title} lies on its side, or I cannot tell how it stands", title=title)
 
 
 def part_and_others(parts: PartsView, index: int) -> tuple[PartDetection, tuple[PartDetection, ...]]:

@@ -59,11 +59,12 @@ def part_finder(bench: Bench, product: Product, perception: Perception) -> Calla
 def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callable[[Frame], PartsView]:
     """What answers wrist frames with this detector: it also fits how those lie that do not stand."""
     check, lying = TrayCheck(bench), LyingPartResolver(bench, product)
+    fitted = getattr(detector, "tells_standing", True)
 
     def find(frame: Frame) -> PartsView:
         check_image(bench.wrist.model, frame)
         placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
-        standing, others = lying.sort(placed, detector.detect(placed))
+        standing, others = lying.sort(placed, detector.detect(placed), fitted=fitted)
         return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))
 
     return find

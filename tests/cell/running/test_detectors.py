@@ -13,6 +13,7 @@ from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, Kind
 from bracket_cell.learned.classical.action_detector import ClassicalActionDetector
 from bracket_cell.learned.classical.hand_tracker import ClassicalHandTracker
 from bracket_cell.learned.inference.onnx_model import OnnxModel
+from bracket_cell.learned.parts.model import CENTRE_KIND, CentrePartDetector
 from bracket_cell.settings import Perception
 from bracket_cell.wiring import detectors
 from bracket_cell.wiring.detectors import (
@@ -24,6 +25,7 @@ from bracket_cell.wiring.detectors import (
     detectors_for,
     latency_s,
     part_finder,
+    tray_view,
 )
 from bracket_ground.errors import InputError, ModelError, SettingError
 from bracket_ground.interfaces.bench import CameraCalibration
@@ -197,6 +199,23 @@ def looked_at(scene: tuple[ScenePart, ...]) -> PartsView:
     """What the default detector finds in an image of a tray."""
     image, pose = TrayCamera(PRODUCT, BENCH).take([(part.part, part.world_from_part) for part in scene])
     return part_finder(BENCH, PRODUCT, CONFIGURATION.perception)(Frame("wrist", 0, 0.0, image, pose))
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_a_detector_of_boxes_alone_takes_nothing_for_lying_that_may_stand(poses: bool) -> None:
+    """The arm would set a part upright that stands already, again and again."""
+    scene = sample_clutter(
+        PRODUCT, BENCH.tray, ["o1", "o2", "o3"], np.random.default_rng(900), ClutterSettings(lying_share=0.5)
+    )
+    image, pose = TrayCamera(PRODUCT, BENCH).take([(part.part, part.world_from_part) for part in scene])
+    detector = Detectors(BENCH, PRODUCT, CONFIGURATION.perception).make("parts")
+    if not poses:
+        boxes = OnnxModel.load(CONFIGURATION.perception.files("parts")["parts"], CENTRE_KIND)
+        detector = CentrePartDetector(BENCH, PRODUCT, boxes, None)
+    view = tray_view(BENCH, PRODUCT, detector)(Frame("wrist", 0, 0.0, image, pose))
+    assert len(view.seen) >= len(scene)
+    assert any(part.lies is not None for part in view.others) == poses
+    assert bool(view.detections) == poses
 
 
 @pytest.mark.parametrize("seed", [900, 901, 902])

@@ -37,8 +37,14 @@ class LyingPartResolver:
         self._bench, self._product = bench, product
         self._fitter = LyingFitter(bench.wrist.model, bench.tray, product.parts)
 
-    def sort(self, frame: Frame, found: Found) -> tuple[tuple[PartDetection, ...], tuple[PartDetection, ...]]:
-        """What stands, and everything else, each thing once, as an upright box on the floor (see `PartsView`)."""
+    def sort(
+        self, frame: Frame, found: Found, *, fitted: bool = True
+    ) -> tuple[tuple[PartDetection, ...], tuple[PartDetection, ...]]:
+        """What stands, and everything else, each thing once, as an upright box on the floor (see `PartsView`).
+
+        Args:
+            fitted: how a thing lies is fitted; not where it may stand, as the detector knows nothing that stands.
+        """
         told = [detection for detection in found if detection.upright and detection.part in self._product.parts]
         fallen = [(detection, fit) for detection in told if (fit := self._fallen(frame, detection, found)) is not None]
         standing = tuple(detection for detection in told if all(detection is not other for other, _ in fallen))
@@ -48,7 +54,7 @@ class LyingPartResolver:
         for part_detection in sorted(rest, key=lambda detection: (not detection.lies_on, -detection.confidence)):
             if any(covers(part, part_detection) for part in (*standing, *exact)) or _again(part_detection, exact):
                 continue
-            lies = self._placed(frame, part_detection, found, rough)
+            lies = self._placed(frame, part_detection, found, rough) if fitted else None
             if lies is None:
                 rough.append(part_detection)
             else:

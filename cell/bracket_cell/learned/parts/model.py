@@ -111,6 +111,7 @@ class PosedPartDetector(ABC):
         self._bench, self._product, self._stacks = bench, product, stacks
         self._types = tuple(product.parts)
         self._pose = networks[-1]
+        self.tells_standing = self._pose is not None
         self._alike = [kind.alike_after_half_turn for kind in product.parts.values()]
         self._surfaces = {name: surface_of(kind) for name, kind in product.parts.items()}
         for network in filter(None, networks):

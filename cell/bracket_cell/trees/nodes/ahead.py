@@ -29,15 +29,14 @@ class ChooseSparePart(CellNode):
     """Wait until a part is sure to be needed whatever the person does next, and choose it.
 
     While the person fetches, one part of the type in their hand is theirs; as long as it is not seen what they hold,
-    it may be any. A person whose hand rests goes first, for a moment only where a part is left whatever they take, but
-    not for the last part: the robot need not park before it, and brings it sooner. Of several types that one is chosen
-    which has a position that the guard lets pass, then the one of which most remain.
+    it may be any. A person whose hand rests goes first, but for the last part: the robot need not park before it, and
+    brings it sooner. Of several types that one is chosen which has a position that the guard lets pass, then the one
+    of which most remain.
     """
 
     state = InputPort(AssemblyState, "what is placed so far")
     plan = InputPort(AssemblyPlan, "belief and plans")
     patience_s = InputPort(float, "how long hand and arm must rest before the robot goes first", default=0.8, least=0)
-    settled_s = InputPort(float, "the same where a part is left whatever the person takes", default=0.2, least=0)
     steady_s = InputPort(float, "how long a part must be seen in the hand: it passes over others", default=0.4, least=0)
     part = OutputPort(Part, "type of the part to fetch")
 
@@ -70,14 +69,11 @@ class ChooseSparePart(CellNode):
             self._held, self._held_since_s = held, seen.time_s
         rests_s = 0.0 if self._rests_since_s is None else seen.time_s - self._rests_since_s
         last = (+remaining(self.services, self.state.get(), self.plan.get())).total() == 1
-        idle = seen.bench.action.kind == "idle"
-        first = idle and self.compare(rests_s, "<", self.patience_s) and not last
-        spare = self._spare(fetches=first or seen.bench.action.kind in BUSY)
-        if first and (not spare or self.compare(rests_s, "<", self.settled_s)):
+        if seen.bench.action.kind == "idle" and self.compare(rests_s, "<", self.patience_s) and not last:
             self.feedback_message = "lets the person go first"
             return Status.RUNNING
         # who rests for so long waits, too: then a part is fetched that may be needed, and the guard acts, asks or waits
-        spare = spare or (self._spare(most=True) if idle else spare)
+        spare = self._spare() or (self._spare(most=True) if seen.bench.action.kind == "idle" else Counter())
         if not spare:
             self.feedback_message = "the person may take what remains"
             return Status.RUNNING
@@ -88,18 +84,19 @@ class ChooseSparePart(CellNode):
         self.feedback_message = chosen
         return Status.SUCCESS
 
-    def _spare(self, *, fetches: bool = False, most: bool = False) -> Counter[str]:
+    def _spare(self, *, most: bool = False) -> Counter[str]:
         """How many of each type remain for the robot whatever the person does next.
 
         Args:
-            fetches: the person takes one part, or is about to.
             most: those that are needed in any likely goal; else in every one.
         """
+        bench = self.now.observation.bench
+        assert bench is not None
         left = remaining(self.services, self.state.get(), self.plan.get(), most=most)
         steady = self.compare(self.now.observation.time_s - self._held_since_s, ">=", self.steady_s)
         if self._held is not None and steady:
             left[self._held] -= 1
-        elif fetches:
+        elif bench.action.kind in BUSY:
             left.subtract(list(left))
         for whole in self.tools.product.wholes:
             left[whole] = min(left[whole], self.services.built(whole))

@@ -226,10 +226,12 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
 
 def _rested(configuration: Configuration, path: Path) -> Bench:
     """The bench with poses of an arm whose file leaves them out."""
+    from bracket_cell.learned.classical.bench_evidence import leaves_in_view
     from bracket_cell.skills.motion.resting import with_resting_poses  # a second that nobody else needs
 
+    bench, product = configuration.bench, load_product(configuration, path)
     try:
-        return with_resting_poses(configuration.bench, load_product(configuration, path), configuration.motion)
+        return with_resting_poses(bench, product, configuration.motion, leaves_in_view(bench, product))
     except ValueError as error:
         raise InputError(Problem(place_of(path, ("bench",)), str(error))) from None
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from bracket_cell.learned.classical.bench_evidence import leaves_in_view
 from bracket_cell.runs.calibrating import DOWN
 from bracket_cell.runs.hand_rest import rest_advice
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
@@ -41,7 +42,7 @@ class BenchView:
         self.problems: list[str] = []
         self.told: list[str] = []
         try:
-            found = with_resting_poses(bench, product, motion.settings).arm_look_rad
+            found = with_resting_poses(bench, product, motion.settings, leaves_in_view(bench, product)).arm_look_rad
         except ValueError as error:
             self.problems.append(str(error))
             found = tuple(motion.kinematics.usual_rad.tolist())

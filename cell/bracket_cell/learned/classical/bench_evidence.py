@@ -6,7 +6,7 @@ looks like the reference, or a robot or a hand that somebody knows of is in fron
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -171,8 +171,7 @@ class Landmarks:
         along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), SCENE.least_slope)
         starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
         clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > SCENE.least_along
-        column, row = self.places[len(self.places) // 2, starts].T // GRID
-        open_ = ~hidden[row, column]
+        open_ = self.open_to(hidden)
         best = clear[clear[:, open_].sum(axis=1).argmax()]
         found = {}
         for group in np.unique(self.groups):
@@ -181,6 +180,33 @@ class Landmarks:
                 share = best[open_ & (self.groups == group)].mean()
                 found[int(group)] = bool(share >= (SCENE.least_seen if shown.all() else SCENE.least_beside))
         return found
+
+    def open_to(self, hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(landmarks,) which have nothing in front of them, by a small image."""
+        starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
+        column, row = self.places[len(self.places) // 2, starts].T // GRID
+        open_: NDArray[np.bool_] = ~hidden[row, column]
+        return open_
+
+
+def leaves_in_view(bench: Bench, product: Product) -> Callable[[Array], bool]:
+    """Whether a robot, by its points as `Frame.robot_m` has them, leaves so much to be seen that a run may begin.
+
+    What was never seen is not known to be there, and the robot stands until it is.
+    """
+    view, landmarks, model = (
+        View(bench.overhead.model, bench.overhead.mount.pose),
+        Landmarks.of(bench, product),
+        bench.overhead.model,
+    )
+    shape = model.height_px // GRID, model.width_px // GRID
+
+    def leaves(robot_m: Array) -> bool:
+        open_ = landmarks.open_to(near_robot(robot_outline(robot_m, view, shape)))
+        groups = np.unique(landmarks.groups)
+        return all(open_[landmarks.groups == group].mean() >= SCENE.least_shown for group in groups)
+
+    return leaves
 
 
 class SceneConsistency:
@@ -222,7 +248,7 @@ class SceneConsistency:
         if since_s < SCENE.compare_every_s:
             return
         self._compared_s, shape = now_s, self._frames.shape
-        hidden = near_robot(robot_outline(frame, self._view, shape)) | self._arms(hands, shape)
+        hidden = near_robot(robot_outline(frame.robot_m, self._view, shape)) | self._arms(hands, shape)
         if now_s >= self._looked_s + SCENE.look_every_s:
             self._looked_s, self._astray = now_s, self._look(small, grey, hidden)
         wrong = "the bench is not seen" if self._astray or self._missing else self._compare(small, hidden)
@@ -381,12 +407,16 @@ def _rims(shape: tuple[int, int], edge: Edge) -> tuple[NDArray[np.bool_], NDArra
     return rim, own
 
 
-def robot_outline(frame: Frame, view: View, shape: tuple[int, ...]) -> Mask:
-    """1 inside the robot's outline in a small image, (height, width)."""
+def robot_outline(robot_m: Array | None, view: View, shape: tuple[int, ...]) -> Mask:
+    """1 inside the robot's outline in a small image, (height, width).
+
+    Args:
+        robot_m: as `Frame.robot_m`.
+    """
     mask = np.zeros(shape, np.uint8)
-    if frame.robot_m is not None:
-        points_m = frame.robot_m.reshape(-1, 3)
-        links = len(frame.robot_m)
+    if robot_m is not None:
+        points_m = robot_m.reshape(-1, 3)
+        links = len(robot_m)
         behind = np.reshape(view.depths(points_m) < LEAST_DEPTH_M, (links, -1)).any(axis=1)
         pixels = (view.pixels(points_m) / GRID).reshape(links, -1, 2)
         for link in pixels[~behind]:

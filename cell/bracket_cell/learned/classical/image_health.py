@@ -139,7 +139,7 @@ class ImageHealth:
         looked = self._looked(frame.image)
         nothing = _absolute(looked)
         health = self._fresh.judge(looked.samples) or nothing or self._compared(looked.figures)
-        robot = robot_outline(frame, self._view, looked.small.shape[:2])
+        robot = robot_outline(frame.robot_m, self._view, looked.small.shape[:2])
         health = health or _glaring(looked, robot) or self._focus(looked.grey)
         if not nothing:  # such an image says nothing of where the camera looks
             self._evidence.see(frame, looked.small, looked.grey, hands)

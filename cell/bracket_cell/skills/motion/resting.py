@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench
-from bracket_ground.interfaces.pose import FINGERS_DOWN, Pose
+from bracket_ground.interfaces.pose import FINGERS_DOWN, Array, Pose
 from bracket_ground.interfaces.product import Product
 
 LOOKS_DOWN = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # of a camera whose image's right side is +y
@@ -19,10 +19,15 @@ HIGHER = (1.06, 1.0, 1.15, 1.3, 1.5)  # times the height from which it just sees
 ASIDE_M = ((0.11, 0.12), (0.05, 0.10), (0.0, 0.0), (0.15, 0.0))  # of the tray's middle: away from person and bracket
 PARK_HEIGHTS_M = (0.35, 0.30, 0.25, 0.40)
 DIGITS = 4
+Sight = Callable[[Array], bool]
 
 
-def with_resting_poses(bench: Bench, product: Product, settings: MotionSettings) -> Bench:
+def with_resting_poses(bench: Bench, product: Product, settings: MotionSettings, leaves_in_view: Sight) -> Bench:
     """The bench with those poses that its file leaves out.
+
+    Args:
+        leaves_in_view: whether the arm's points (links, k, 3) leave the bench to the overhead camera; where no pose
+            aside does, it is the first one.
 
     Raises:
         ValueError: there is none in which the arm is free.
@@ -36,19 +41,25 @@ def with_resting_poses(bench: Bench, product: Product, settings: MotionSettings)
         found["arm_look_rad"] = _first(motion, look_poses(bench), what)
     if not bench.arm_park_rad:
         what = "arm_park_rad: the arm is free in no posture beside the tray"
-        found["arm_park_rad"] = _first(motion, park_poses(bench), what)
+        found["arm_park_rad"] = _first(motion, park_poses(bench), what, leaves_in_view)
     return bench.model_copy(update=found)
 
 
-def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str) -> tuple[float, ...]:
-    """Joints of the first pose that the arm reaches and in which it is free."""
-    usual, reason = motion.kinematics.usual_rad, ""
+def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str, clear: Sight = lambda _: True) -> tuple[float, ...]:
+    """Joints of the first pose that the arm reaches and in which it is free, and clear, if there is one."""
+    usual, reason, outline = motion.kinematics.usual_rad, "", motion.separation.outline
+    first: tuple[float, ...] = ()
     for pose in poses:
         found = motion.reach([pose], usual, Load(motion.open_m))
         if not isinstance(found, str):
             inside = np.clip(found[1].round(DIGITS), *motion.kinematics.limits_rad)  # pi, rounded, is beyond pi
-            return tuple(inside.tolist())
-        reason = reason or str(found)
+            first = first or tuple(inside.tolist())
+            if clear(outline.corners_m(outline.placed(inside[np.newaxis]))[0]):
+                return tuple(inside.tolist())
+        else:
+            reason = reason or str(found)
+    if first:
+        return first
     raise ValueError(f"{what} ({reason}): move the tray, or lead the arm there with `cell setup teach`")
 
 

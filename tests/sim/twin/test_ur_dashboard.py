@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import socket
+import threading
 import time
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -126,3 +130,14 @@ def test_an_arm_of_another_maker_has_no_such_controller() -> None:
     with pytest.raises(InputError, match="a twin of 'gofa': no such controller; legal names of a robot: ur3, ur5"):
         model_of("gofa")
     assert model_of("UR5e") is MODELS["ur5e"]
+
+
+def test_a_dashboard_that_hangs_up_at_once_leaves_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setattr(ur_dashboard, "PORT", server.getsockname()[1])
+        threading.Thread(target=lambda: server.accept()[0].close()).start()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ResourceWarning)
+            with pytest.raises(DeviceFault, match="hung up"):
+                ur_dashboard.Dashboard("127.0.0.1")
+            gc.collect()

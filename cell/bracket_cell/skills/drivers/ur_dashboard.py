@@ -31,12 +31,19 @@ class Dashboard:
         except OSError as error:
             raise DeviceFault("arm", f"no dashboard at {host}:{PORT}: {error}") from None
         self._lines = self._socket.makefile("r", encoding="utf-8", errors="replace")
-        self._line()
+        try:
+            self._line()
+        except DeviceFault:
+            self._close()
+            raise
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self._close()
+
+    def _close(self) -> None:
         self._lines.close()
         self._socket.close()
 

@@ -35,26 +35,30 @@ def with_resting_poses(bench: Bench, product: Product, settings: MotionSettings,
     if bench.arm_look_rad and bench.arm_park_rad:
         return bench
     motion = MotionPlanner(product, bench, settings)
-    found = {}
+    found, outline = {}, motion.separation.outline
+
+    def clear(joints_rad: Array) -> bool:
+        return leaves_in_view(outline.corners_m(outline.placed(joints_rad[np.newaxis]))[0])
+
     if not bench.arm_look_rad:
         what = "arm_look_rad: in no posture of the arm does the wrist camera see the whole tray"
         found["arm_look_rad"] = _first(motion, look_poses(bench), what)
     if not bench.arm_park_rad:
         what = "arm_park_rad: the arm is free in no posture beside the tray"
-        found["arm_park_rad"] = _first(motion, park_poses(bench), what, leaves_in_view)
+        found["arm_park_rad"] = _first(motion, park_poses(bench), what, clear)
     return bench.model_copy(update=found)
 
 
 def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str, clear: Sight = lambda _: True) -> tuple[float, ...]:
     """Joints of the first pose that the arm reaches and in which it is free, and clear, if there is one."""
-    usual, reason, outline = motion.kinematics.usual_rad, "", motion.separation.outline
+    usual, reason = motion.kinematics.usual_rad, ""
     first: tuple[float, ...] = ()
     for pose in poses:
         found = motion.reach([pose], usual, Load(motion.open_m))
         if not isinstance(found, str):
             inside = np.clip(found[1].round(DIGITS), *motion.kinematics.limits_rad)  # pi, rounded, is beyond pi
             first = first or tuple(inside.tolist())
-            if clear(outline.corners_m(outline.placed(inside[np.newaxis]))[0]):
+            if clear(inside):
                 return tuple(inside.tolist())
         else:
             reason = reason or str(found)

@@ -242,7 +242,7 @@ def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:
     The folder in which `cell new leaf` writes may be made later.
     """
     folders = (folder.resolve(), folder.resolve().parent)
-    found = {name: next((str(folder / name) for folder in folders if (folder / name).exists()), name) for name in names}
+    found = {name: next((str(place / name) for place in folders if (place / name).exists()), name) for name in names}
     return tuple(path for name, path in found.items() if path != name or name != str(USUAL_FOLDER))
 
 

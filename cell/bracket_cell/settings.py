@@ -287,9 +287,7 @@ class LogSettings(Model):
         site, bench: names of this place and of this bench, for tables of runs of many.
     """
 
-    buffer_mb: ClassVar[float] = (
-        16.0  # that wait for a slow disk: beyond it ticks are dropped, images from half of it on
-    )
+    buffer_mb: ClassVar[float] = 16.0  # that wait for a slow disk; images are dropped from half of it on, then ticks
     folder: Path = Path("runs")
     camera_frames: bool = True
     jpeg_quality: int = Field(default=80, ge=1, le=100)

@@ -172,7 +172,7 @@ def _parsed(path: Path, text: str, kind: Any) -> tuple[Node, object, list[Proble
         InputError: the file is empty, or nested too deeply.
         NOT_YAML: it is not legal.
     """
-    _require_shallow(path, text)
+    _require_shallow(path, text, kind)
     loader = kind(text)
     try:
         root = loader.get_single_node()
@@ -184,10 +184,10 @@ def _parsed(path: Path, text: str, kind: Any) -> tuple[Node, object, list[Proble
         loader.dispose()
 
 
-def _require_shallow(path: Path, text: str) -> None:
+def _require_shallow(path: Path, text: str, kind: Any) -> None:
     """Raises: InputError: nested too deeply. NOT_YAML: it is not legal."""
     nested = 0
-    for event in yaml.parse(text, Loader=FAST):
+    for event in yaml.parse(text, Loader=kind):
         nested += isinstance(event, BEGINS) - isinstance(event, ENDS)
         if nested > MOST_NESTED:
             line = event.start_mark.line + 1 if event.start_mark else None

@@ -78,7 +78,7 @@ def test_legal_keys_are_named_below_dicts_lists_and_options(tmp_path: Path) -> N
     ("text", "expected"),
     [
         ("leaf:\n  speed_m_s: 1\n  speed_m_s: 2\n", "3:3: key 'speed_m_s' appears twice; first in line 2"),
-        ("leaf: [1, 2\n", "2:1: not YAML"),
+        ("leaf: [1, 2\n", "2:1: not YAML: expected ',' or ']', but got"),
         ("\n", "1:1: the file is empty"),
         ("leaf: &a\n  b: *a\n", "1:7: an alias that contains itself"),
         ("- 1\n", "1:1: the file: input should be"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -169,8 +170,7 @@ class Landmarks:
         columns, rows = self.places[..., 0], self.places[..., 1]
         x, y = (cv2.Sobel(smooth, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1)))
         along = (x * self.across[:, 0] + y * self.across[:, 1]) / np.maximum(np.hypot(x, y), SCENE.least_slope)
-        starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
-        clear = np.abs(np.add.reduceat(along, starts, axis=1)) / np.bincount(self.stretch) > SCENE.least_along
+        clear = np.abs(np.add.reduceat(along, self._starts, axis=1)) / np.bincount(self.stretch) > SCENE.least_along
         open_ = self.open_to(hidden)
         best = clear[clear[:, open_].sum(axis=1).argmax()]
         found = {}
@@ -181,10 +181,14 @@ class Landmarks:
                 found[int(group)] = bool(share >= (SCENE.least_seen if shown.all() else SCENE.least_beside))
         return found
 
+    @cached_property
+    def _starts(self) -> NDArray[np.intp]:
+        """(landmarks,) number of the first point of each."""
+        return np.flatnonzero(np.diff(self.stretch, prepend=-1))
+
     def open_to(self, hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(landmarks,) which have nothing in front of them, by a small image."""
-        starts = np.flatnonzero(np.diff(self.stretch, prepend=-1))
-        column, row = self.places[len(self.places) // 2, starts].T // GRID
+        column, row = self.places[len(self.places) // 2, self._starts].T // GRID
         open_: NDArray[np.bool_] = ~hidden[row, column]
         return open_
 
@@ -194,11 +198,8 @@ def leaves_in_view(bench: Bench, product: Product) -> Callable[[Array], bool]:
 
     What was never seen is not known to be there, and the robot stands until it is.
     """
-    view, landmarks, model = (
-        View(bench.overhead.model, bench.overhead.mount.pose),
-        Landmarks.of(bench, product),
-        bench.overhead.model,
-    )
+    landmarks, model = Landmarks.of(bench, product), bench.overhead.model
+    view = View(model, bench.overhead.mount.pose)
     shape = model.height_px // GRID, model.width_px // GRID
 
     def leaves(robot_m: Array) -> bool:

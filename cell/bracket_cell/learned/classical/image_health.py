@@ -274,7 +274,7 @@ def _look(image: NDArray[np.uint8]) -> _Looked:
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
     red, green, blue = cv2.split(small)
     high, low = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
-    small, high, low = (np.asarray(image, np.uint8) for image in (small, high, low))
+    small, high, low = (np.asarray(levels, np.uint8) for levels in (small, high, low))
     return _Looked(samples, small, high, low, grey, _figures(samples, grey))
 
 

@@ -273,7 +273,7 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
         found = separation_of(
             self._motion.separation, Observation(0, now_s, arm, cell.devices.gripper.state(), bench), ahead
         )
-        return 0.0 if found is None or not found.distance_m >= found.least_m else found.share
+        return 0.0 if found is None or not found.distance_m >= found.least_m else found.speed_scale
 
     def _part_m(self) -> Array:
         assert self._cell is not None

@@ -108,7 +108,7 @@ class Last(Observer):
 
     def tick(self, record: TickRecord) -> None:
         """Keep it."""
-        self.held = record.judgement is not None and bool(record.judgement.held_by)
+        self.held = record.judgement is not None and bool(record.judgement.holding_faults)
         if (display := record.command.display) is not None:
             self.asked = bool(display.questions or display.help_request)
 

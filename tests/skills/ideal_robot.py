@@ -47,7 +47,7 @@ class IdealRobot:
         gripper = GripperState(self.time_s, True, self._status, self._opening_m, 0.1, 0)
         share = 1.0 if self.held_until_s <= self.time_s else 0.0
         bench = self._bench(self.holes)
-        return Observation(self.tick, self.time_s, arm, gripper, bench, share=share, work_s=self._work_s)
+        return Observation(self.tick, self.time_s, arm, gripper, bench, speed_scale=share, work_s=self._work_s)
 
     def act(self, command: Command) -> None:
         """Carry a command out and go on by one tick."""

@@ -15,7 +15,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.skills.pick_and_place import Pick
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
-from bracket_ground.interfaces.faults import HAND_TOO_NEAR, Action, Judgement
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR, Action, SafetyDecision
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.operator import OperatorOrder, OperatorState
 from bracket_ground.interfaces.perception import Action as HandAction
@@ -29,7 +29,7 @@ from tests.skills.test_skills import seen
 OUT = Pose.from_yaw((0.93, 0.20, 0.20), math.pi / 2) @ FINGERS_DOWN
 AT_PART, FAR = (0.96, 0.20), (1.12, 0.44)
 AT_PADS, BEHIND = (0.94, 0.20), (0.87, 0.16)  # between the pads, and an arm that reaches past them
-HELD = Judgement(Action.HOLD, 0.0, held_by=(HAND_TOO_NEAR,))
+HELD = SafetyDecision(Action.HOLD, 0.0, holding_faults=(HAND_TOO_NEAR,))
 
 
 @dataclass
@@ -82,15 +82,15 @@ class HandedRobot(IdealRobot):
             gripper=gripper,
             bench=bench,
             arm=replace(plain.arm, force_n=force),
-            share=0.0 if near else plain.share,
-            held_by=(HAND_TOO_NEAR,) if near else (),
+            speed_scale=0.0 if near else plain.speed_scale,
+            holding_faults=(HAND_TOO_NEAR,) if near else (),
             operator=OperatorState(said=now.said),
         )
 
     def act(self, command: Command) -> None:
         """As far as the supervisor lets it."""
         observed = self.observe()
-        if observed.held_by:
+        if observed.holding_faults:
             withhold(command, observed, HELD)
         super().act(command)
 
@@ -336,7 +336,7 @@ OPEN = HandCommand(0.06, 0.15, 20.0)
 
 
 @pytest.mark.parametrize(
-    ("goal", "held_by", "moves"),
+    ("goal", "holding_faults", "moves"),
     [
         (OPEN, (HAND_TOO_NEAR,), True),
         (GripperCommand(0.06, 0.15, 20.0), (HAND_TOO_NEAR,), False),
@@ -350,12 +350,12 @@ OPEN = HandCommand(0.06, 0.15, 20.0)
     ],
 )
 def test_fingers_move_beside_a_hand_only_to_give_or_to_take_gently(
-    robot: HandedRobot, goal: GripperCommand, held_by: tuple[str, ...], moves: bool
+    robot: HandedRobot, goal: GripperCommand, holding_faults: tuple[str, ...], moves: bool
 ) -> None:
-    command, judgement = Command(gripper=goal), Judgement(Action.HOLD, 0.0, held_by=held_by)
+    command, judgement = Command(gripper=goal), SafetyDecision(Action.HOLD, 0.0, holding_faults=holding_faults)
     withhold(command, robot.observe(), judgement)
     assert (command.gripper is goal) == moves
-    assert with_hand(goal, robot.observe().gripper, Judgement(Action.STOP, 0.0)) is False
+    assert with_hand(goal, robot.observe().gripper, SafetyDecision(Action.STOP, 0.0)) is False
 
 
 @pytest.mark.parametrize(("goal", "contradicts"), [(OPEN, False), (GripperCommand(0.06, 0.15, 20.0), True)])
@@ -363,7 +363,7 @@ def test_the_supervisor_knows_of_fingers_that_opened_to_a_hand(goal: GripperComm
     """What was withheld did not go out: fingers that stand open then say what they cannot."""
     memory, taken = GripperMemory(), GripperState(0.0, True, ObjectStatus.CONTACT_CLOSING, 0.034, 0.1, 0)
     memory.see(taken, 0.0)
-    memory.command(Command(gripper=GripperCommand(0.0)), Judgement(), 0.0)
+    memory.command(Command(gripper=GripperCommand(0.0)), SafetyDecision(), 0.0)
     found = []
     for tick in range(1, 100):
         now_s = tick * TICK_S
@@ -380,5 +380,5 @@ def test_the_supervisor_knows_of_fingers_that_opened_to_a_hand(goal: GripperComm
         sent = command.gripper
         if sent is not None and not with_hand(sent, told, HELD):
             command.gripper = None
-        memory.command(command, HELD if now_s < 2.6 else Judgement(), now_s)
+        memory.command(command, HELD if now_s < 2.6 else SafetyDecision(), now_s)
     assert any(found) == contradicts

@@ -74,30 +74,30 @@ def judged(hand: HandSample, path: JointTrajectory | None, joints: Array = OVER_
 def test_a_near_hand_lets_the_arm_go_away_and_nowhere_else() -> None:
     near = beside(0.045)
     assert judged(near, None).distance_m < judged(near, None).least_m
-    assert judged(near, AWAY).leaving > 0
-    assert judged(near, None).leaving == 0
-    assert judged(near, TOWARDS).leaving == 0
-    assert judged(near, SWEEPING).leaving == 0
+    assert judged(near, AWAY).retreat_scale > 0
+    assert judged(near, None).retreat_scale == 0
+    assert judged(near, TOWARDS).retreat_scale == 0
+    assert judged(near, SWEEPING).retreat_scale == 0
     returns = joint_move(PARK, OVER_P2_RAD, PLANNER.settings)
-    assert judged(near, joined([AWAY, returns])).leaving == 0
+    assert judged(near, joined([AWAY, returns])).retreat_scale == 0
 
 
 def test_a_path_that_leads_away_only_in_the_end_is_refused() -> None:
     """All of the way counts, not where it ends."""
-    assert judged(beside(0.06), joined([TOWARDS, to_park(TOWARDS.positions_rad[-1])])).leaving == 0
+    assert judged(beside(0.06), joined([TOWARDS, to_park(TOWARDS.positions_rad[-1])])).retreat_scale == 0
 
 
 def test_a_path_that_stays_where_it_is_leads_nowhere() -> None:
     stays = JointTrajectory(np.array([0.0, 1.0]), np.array([OVER_P2_RAD, OVER_P2_RAD]))
-    assert judged(beside(0.045), stays).leaving == 0
+    assert judged(beside(0.045), stays).retreat_scale == 0
 
 
 def test_what_touches_or_may_touch_already_does_not_move() -> None:
     """Within the margin by which positions may be off, nobody knows which way is away."""
-    assert judged(beside(MARGIN_M + 0.005), AWAY).leaving > 0
-    assert judged(beside(MARGIN_M - 0.002), AWAY).leaving == 0
+    assert judged(beside(MARGIN_M + 0.005), AWAY).retreat_scale > 0
+    assert judged(beside(MARGIN_M - 0.002), AWAY).retreat_scale == 0
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
-    assert judged(hand(tool[0], tool[1]), AWAY).leaving == 0
+    assert judged(hand(tool[0], tool[1]), AWAY).retreat_scale == 0
 
 
 @given(st.floats(0.0, 1.6), st.floats(0.0, 6.28), st.floats(0.0, 0.5))
@@ -106,16 +106,16 @@ def test_a_hand_that_could_be_there_meanwhile_holds_the_arm(speed: float, headin
     near = beside(0.05, (speed * float(np.cos(heading)), speed * float(np.sin(heading))))
     found = judge(OVER_P2_RAD, near, age_s, False, (AWAY, 0.0))
     if found.distance_m < MARGIN_M + speed * (age_s + S.reaction_s) and found.distance_m < found.least_m:
-        assert found.leaving == 0
+        assert found.retreat_scale == 0
 
 
 def test_unknown_is_never_good() -> None:
     """A hand whose speed is not known yet, and a hand that left the view."""
-    assert judged(beside(0.045, None), AWAY).leaving == 0
+    assert judged(beside(0.045, None), AWAY).retreat_scale == 0
     for edge in EDGES:
         gone = MONITOR.persons.behind(edge, AGE_S, left=edge != MONITOR.persons.edge)
         found = MONITOR.judge(OVER_P2_RAD, [gone], False, (AWAY, 0.0))
-        assert found.leaving == (found.distance_m >= found.least_m + S.hysteresis_m), edge
+        assert found.retreat_scale == (found.distance_m >= found.least_m + S.hysteresis_m), edge
 
 
 def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
@@ -124,7 +124,7 @@ def test_of_several_hands_the_one_that_forbids_it_counts() -> None:
     near, far, behind_it = (persons([one], (), AGE_S)[0] for one in (beside(0.045), hand(1.25, -0.6), behind))
 
     def leaving(*persons: Person) -> float:
-        return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).leaving
+        return MONITOR.judge(OVER_P2_RAD, persons, False, (AWAY, 0.0)).retreat_scale
 
     assert leaving(near, far) == leaving(near) > 0
     assert leaving(behind_it) == leaving(near, far, behind_it) == 0
@@ -137,11 +137,11 @@ def test_it_is_slow_for_as_long_as_the_hand_is_near(path_s: float) -> None:
     tool = PLANNER.kinematics.forward(OVER_P2_RAD).position_m
     for x_m in np.arange(tool[0], 1.2, 0.02):
         found = judge(joints, hand(float(x_m), tool[1]), AGE_S, False, (AWAY, path_s))
-        if not 0 < found.leaving < 1:
+        if not 0 < found.retreat_scale < 1:
             continue
         times_s = path_s + np.arange(0.0, 0.12, 0.01)
         corners = MONITOR.outline.corners_m(MONITOR.outline.placed(np.array([AWAY.at(float(one)) for one in times_s])))
-        fastest = np.linalg.norm(np.diff(corners, axis=0), axis=3).max() / 0.01 * found.leaving
+        fastest = np.linalg.norm(np.diff(corners, axis=0), axis=3).max() / 0.01 * found.retreat_scale
         assert fastest <= S.leaving_m_s * 1.25
 
 
@@ -149,5 +149,5 @@ def test_it_can_be_turned_off() -> None:
     off = S.model_copy(update={"leaving_m_s": 0.0})
     planner = type(PLANNER)(PLANNER.product, BENCH, PLANNER.settings.model_copy(update={"separation": off}))
     near = Person(MONITOR.persons.wall(beside(0.045)), AGE_S, S.hand_speed_m_s, (0.0, 0.0))
-    assert MONITOR.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving > 0
-    assert planner.separation.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).leaving == 0
+    assert MONITOR.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).retreat_scale > 0
+    assert planner.separation.judge(OVER_P2_RAD, [near], False, (AWAY, 0.0)).retreat_scale == 0

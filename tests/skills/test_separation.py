@@ -72,9 +72,9 @@ def test_later_known_or_faster_is_never_faster_for_the_arm(
     joints = ACROSS.at(path_s)
     best = judge(joints, hand(x, 0.1, speed_towards_person(min(v1, v2))), min(t1, t2), False, ahead)
     worst = judge(joints, hand(x, 0.1, speed_towards_person(max(v1, v2))), max(t1, t2), False, ahead)
-    assert worst.share <= best.share
+    assert worst.speed_scale <= best.speed_scale
     assert worst.distance_m - worst.least_m <= best.distance_m - best.least_m  # of the link that has the least room
-    assert worst.share > 0
+    assert worst.speed_scale > 0
 
 
 def with_settings(**changes: object) -> SeparationMonitor:
@@ -174,7 +174,7 @@ def test_a_hand_that_its_tracker_doubts_is_kept_farther_off(deviation_m: float, 
     assert found.distance_m == usual.distance_m
     assert found.least_m == pytest.approx(usual.least_m + more_m)
     ahead = joint_move(PARK, LOWERING_RAD, motion_planner().settings), 0.0
-    shares = [judge(PARK, sample, 0.1, False, ahead).share for sample in (doubted, sure)]
+    shares = [judge(PARK, sample, 0.1, False, ahead).speed_scale for sample in (doubted, sure)]
     assert shares[0] <= shares[1]
 
 
@@ -216,7 +216,7 @@ def test_the_share_is_the_largest_from_which_a_standing_hand_is_kept() -> None:
     tool = motion_planner().kinematics.forward(path.at(0.5)).position_m
     hands = (hand(tool[0] + number / 100, tool[1]) for number in range(5, 150))
     found = (judge(path.at(0.5), sample, 0.1, False, (path, 0.5)) for sample in hands)
-    least = next(separation for separation in found if separation.share == 1)
+    least = next(separation for separation in found if separation.speed_scale == 1)
     margin_m = S.hand_error_m + MONITOR.arm_error_m
     comes_s = float(arrival_s(np.array([least.distance_m - margin_m]), np.zeros(1), S)[0]) - 0.1
     assert comes_s == pytest.approx(brakes_s, abs=0.06), "links turn a little towards the hand or away meanwhile"
@@ -227,8 +227,8 @@ def test_what_is_far_away_lets_the_arm_go_on_and_what_is_near_does_not() -> None
     beyond = Person(MONITOR.persons.wall(hand(3.0, 2.0)), 0.15, S.hand_speed_m_s, (0.0, 0.0))
     far = MONITOR.judge(PARK, [beyond], False, ahead)
     near = judge(PARK, hand(0.48, -0.50, (-0.2, 0.0)), 0.15, False, ahead)
-    assert far.share >= 1.0
-    assert near.share < 0.5
+    assert far.speed_scale >= 1.0
+    assert near.speed_scale < 0.5
     assert near.distance_m < near.least_m < far.distance_m
 
 
@@ -318,7 +318,7 @@ def test_a_hand_that_left_by_an_edge_may_be_anywhere_beyond_it() -> None:
     assert beyond["left"].distance_m < beyond["left"].least_m
     assert beyond[PersonSpace(BENCH, S).edge].distance_m == np.inf
     both = MONITOR.judge(PARK, persons((), EDGES, 0.15), False, ahead)
-    assert both.share == min(separation.share for separation in beyond.values())
+    assert both.speed_scale == min(separation.speed_scale for separation in beyond.values())
 
 
 def test_a_hand_that_is_not_seen_may_come_over_the_persons_edge_whatever_else_is_seen() -> None:
@@ -400,7 +400,7 @@ def test_heads_and_elbows_never_free_the_arm(x: float, y: float, z: float, hand_
     plain = [person for person in all_of_it if person.body is all_of_it[0].body or person.velocity_m_s is None]
     ahead = ACROSS, path_s
     whole, less = (MONITOR.judge(ACROSS.at(path_s), people, False, ahead) for people in (all_of_it, plain))
-    assert whole.share <= less.share
+    assert whole.speed_scale <= less.speed_scale
     assert whole.spare_m <= less.spare_m + 1e-6
 
 
@@ -415,7 +415,7 @@ def test_the_simulated_arm_is_slow_wherever_a_hand_that_comes_at_once_could_be(
     age_s, person = 0.24, hand(x_m, 0.10)
     trajectory = joint_move(PARK, goal, motion_planner().settings)
     path_s = gone * trajectory.duration_s
-    share = judge(trajectory.at(path_s), person, age_s, True, (trajectory, path_s)).share
+    share = judge(trajectory.at(path_s), person, age_s, True, (trajectory, path_s)).speed_scale
     joints = np.array(arm_that_brakes(trajectory, path_s, share))
     wall, outline = PersonSpace(BENCH, S).wall(person), MONITOR.outline
     corners = outline.corners_m(outline.placed(joints))

@@ -449,7 +449,7 @@ def test_an_arm_that_is_pushed_while_it_is_held_has_met_nothing(
             above = robot.observe().arm.positions_rad
     seen_now = robot.observe()
     pushed = replace(seen_now, arm=replace(seen_now.arm, positions_rad=above))
-    assert skill.poll(replace(pushed, share=0.0), Command()).status is SkillStatus.RUNNING
+    assert skill.poll(replace(pushed, speed_scale=0.0), Command()).status is SkillStatus.RUNNING
     assert skill.poll(pushed, Command()).reason == "the fingers met something on the way down to o2"
 
 

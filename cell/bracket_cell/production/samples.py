@@ -95,7 +95,7 @@ def _now(keeper: Bookkeeper | None) -> Iterator[Sample]:
         return
     seen = keeper.last.observation
     yield "cell_clock_seconds", {}, round(seen.time_s, 3)
-    yield "cell_speed_ratio", {}, round(seen.share, 3)
+    yield "cell_speed_ratio", {}, round(seen.speed_scale, 3)
     if keeper.alarm:
         yield "cell_alarm", {"signal": keeper.alarm}, 1.0
     for mode in get_args(ArmMode):

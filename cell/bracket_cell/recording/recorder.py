@@ -36,10 +36,11 @@ from bracket_cell.watching.work_state import WorkState
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.interfaces.devices import TruthEvent
 from bracket_ground.interfaces.frame import Frame
-from bracket_ground.interfaces.observation import NOBODY, Observation
+from bracket_ground.interfaces.observation import LOGGED_AS, NOBODY, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
 
-USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals", "held_by")  # most ticks leave them out
+# Most ticks leave them out.
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals", "holding_faults")
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 
@@ -290,9 +291,13 @@ class McapRecorder(Observer):
             "gripper": plain(seen.gripper),
             "bench": seen.bench and seen.bench.sequence,
             "parts": seen.parts and seen.parts.sequence,
-            "share": seen.share,
+            "share": seen.speed_scale,
             "work_s": seen.work_s,
-            **{name: plain(value) for name in USUALLY_NOTHING if (value := getattr(seen, name)) and value != NOBODY},
+            **{
+                LOGGED_AS.get(name, name): plain(value)
+                for name in USUALLY_NOTHING
+                if (value := getattr(seen, name)) and value != NOBODY
+            },
         }
         self._saw("/observation", stamp_ns, values)
 

@@ -15,9 +15,9 @@ import orjson
 
 from bracket_cell.recording.json_schema import FLAG, INTEGER, NUMBER, OBJECT, TEXT, Schema, array, fields_of, record
 from bracket_ground.interfaces.command import Command, Display, GripperCommand
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.memory import Memory
-from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.observation import LOGGED_AS, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from btxml.engine.causes import Cause
 from btxml.engine.node import StatusChange
@@ -35,7 +35,10 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/tick": {**TICK, "status": TEXT, "changes": array(record(StatusChange))},
     "/judgement": {**TICK, "action": TEXT, "share": NUMBER, "reasons": array(REASON)},
     "/timing": {**TICK, "wall_s": NUMBER, "overrun": FLAG, "observers_s": NUMBER},
-    "/observation": {**fields_of(Observation), "bench": INTEGER, "parts": INTEGER},  # numbers of the answers
+    "/observation": {
+        **{LOGGED_AS.get(name, name): schema for name, schema in fields_of(Observation).items()},
+        **dict.fromkeys(("bench", "parts"), INTEGER),  # numbers of the answers
+    },
     "/bench": fields_of(BenchView),
     "/parts": fields_of(PartsView),
     "/command": {
@@ -152,10 +155,10 @@ def asked_of_devices(command: Command) -> dict[str, Any] | None:
     }
 
 
-def judged(judgement: Judgement) -> dict[str, Any]:
+def judged(judgement: SafetyDecision) -> dict[str, Any]:
     """What the supervisor allowed, as plain data."""
     reasons = [{"signal": signal, "words": words} for signal, words in judgement.reasons]
-    return {"action": judgement.action.name, "share": plain(judgement.share), "reasons": reasons}
+    return {"action": judgement.action.name, "share": plain(judgement.speed_scale), "reasons": reasons}
 
 
 def _converter(kind: type) -> Convert:

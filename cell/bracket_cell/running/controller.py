@@ -24,7 +24,7 @@ from bracket_cell.watching.observer import End, Observer, Outcome, SentCommand, 
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.devices import Devices
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.memory import Memory
 from bracket_ground.interfaces.notes import ListJournal, Topic
@@ -110,7 +110,7 @@ class Controller:
         )
         self._watchdog = watchdog or Watchdog()
         self._signals = self._watchdog.signals
-        self._judgement = Judgement()
+        self._judgement = SafetyDecision()
         self._announcer = Announcer()
         self._operator = operator or OperatorChannel()
         self._actor = DeviceActor(devices, self._operator, self._reader.refused)
@@ -132,7 +132,7 @@ class Controller:
         acknowledged = self._operator.acknowledged
         worked_s = 0.0 if self._seen is None else self._seen.worked_s
         gone_s = 0.0 if self._seen is None else seen.time_s - self._seen.time_s
-        worked_s += self._judgement.share * gone_s
+        worked_s += self._judgement.speed_scale * gone_s
         return replace(seen, late_s=late_s, acknowledged=acknowledged, operator=operator, work_s=worked_s)
 
     def run(self, tree: TickedTree, services: TickServices) -> Outcome:
@@ -221,7 +221,9 @@ class Controller:
         seen, joints = self.observe(), self._reader.samples()
         self._judgement = self._supervisor.judge(seen)
         judgement = self._judgement
-        self._seen = self._actor.seen(replace(seen, share=judgement.share, held_by=judgement.held_by))
+        self._seen = self._actor.seen(
+            replace(seen, speed_scale=judgement.speed_scale, holding_faults=judgement.holding_faults)
+        )
         if seen.acknowledged:
             paused = seen.operator.pause == "now"
             self._observers.say(
@@ -312,7 +314,7 @@ class Controller:
             self._watchdog.step("reading the devices")
             seen, joints = self._signals.interruptible(self._look)
             words = self._judgement.reasons
-            self._judgement = Judgement(Action.STOP, 0.0, words)
+            self._judgement = SafetyDecision(Action.STOP, 0.0, words)
             services.now.observation = seen
             self._actor.pace(0.0)
             self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)

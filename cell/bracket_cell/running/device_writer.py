@@ -13,7 +13,7 @@ from bracket_cell.skills.grasping.phases import KNOCKED_M
 from bracket_cell.watching.observer import SentCommand
 from bracket_ground.interfaces.command import Command, GripperCommand
 from bracket_ground.interfaces.devices import Devices, Gripper, Loaded
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import ObjectStatus, Observation
 
 Answer = TypeVar("Answer")
@@ -44,7 +44,7 @@ class GripperHold:
             return observation
         return replace(observation, gripper=replace(observation.gripper, object_status=ObjectStatus.MOVING))
 
-    def keep(self, observation: Observation, judgement: Judgement) -> None:
+    def keep(self, observation: Observation, judgement: SafetyDecision) -> None:
         """Go to the next state, and stop or send the fingers for that."""
         gripper = observation.gripper
         held = judgement.action >= Action.HOLD and not (self._goal and with_hand(self._goal, gripper, judgement))
@@ -87,12 +87,12 @@ class DeviceActor:
         """The observation as skills are to see it: fingers that were stopped half way still move."""
         return self._fingers.seen(observation)
 
-    def act(self, command: Command, seen: Observation, judgement: Judgement) -> SentCommand:
+    def act(self, command: Command, seen: Observation, judgement: SafetyDecision) -> SentCommand:
         """Command each device once; returns what they really sent."""
         trajectory = gripper = None
         if judgement.action >= Action.HOLD:
             withhold(command, seen, judgement)
-        self.pace(judgement.share)
+        self.pace(judgement.speed_scale)
         self._load(seen)
         self._recover(seen, judgement)
         self._command("gripper", lambda: self._fingers.keep(seen, judgement))
@@ -132,7 +132,7 @@ class DeviceActor:
             self._held = held
             self._command("arm", lambda: arm.carry(held))
 
-    def _recover(self, seen: Observation, judgement: Judgement) -> None:
+    def _recover(self, seen: Observation, judgement: SafetyDecision) -> None:
         """Somebody acknowledged: unlock an arm that stopped by itself, let one that is off its path or lost give it up.
 
         An arm whose safeguard closed is brought back unasked where its row has chosen that.
@@ -157,7 +157,7 @@ class DeviceActor:
             return None
 
 
-def withhold(command: Command, seen: Observation, judgement: Judgement) -> None:
+def withhold(command: Command, seen: Observation, judgement: SafetyDecision) -> None:
     """Take out of a command what would begin to move; nodes see it and begin again.
 
     A path may be exchanged where only a near hand holds the arm: it stands at the beginning of the new one, until the

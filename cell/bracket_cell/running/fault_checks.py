@@ -14,7 +14,7 @@ from bracket_cell.skills.motion.arm_monitor import ARM, ArmMonitor
 from bracket_cell.skills.motion.known_bench import PLAUSIBLE
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, JointTrajectory
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.observation import LETS_GO, STALE_ARM_S, ArmMode, Observation
 from bracket_ground.interfaces.perception import BenchView
 from btxml.engine.causes import compared
@@ -56,21 +56,21 @@ OF_OVERHEAD = ("camera overhead", "detector overhead")
 
 
 @dataclass(frozen=True)
-class Detection:
+class FaultReport:
     """Something was found.
 
     Attributes:
         reason: in words for an operator.
-        share: largest share of speed where the fault's action is to slow down.
-        leaving: share of speed at which the arm may go on although the fault's action is to hold; 0 for standing still.
-        vain: it was acknowledged too often already: where it would wait for a person again, the run stops.
+        speed_scale: largest share of speed where the fault's action is to slow down.
+        retreat_scale: share of speed at which the arm may go on although the fault's action is to hold; 0: it stands.
+        acknowledged_in_vain: too often already: where it would wait for a person again, the run stops.
         early: to acknowledge it does not count yet, as what it is about goes on.
     """
 
     reason: str
-    share: float = 1.0
-    leaving: float = 0.0
-    vain: bool = False
+    speed_scale: float = 1.0
+    retreat_scale: float = 0.0
+    acknowledged_in_vain: bool = False
     early: bool = False
 
 
@@ -81,8 +81,8 @@ class Memory:
     Attributes:
         too_near: the hand was too near in the tick before.
         leasts_m: when which protective distance was asked for, of late: a hand that screws is slow and fast.
-        leaving: share of speed at which an arm that is too near may go on.
-        share: of speed, as the arm was last told.
+        retreat_scale: share of speed at which an arm that is too near may go on.
+        speed_scale: of speed, as the arm was last told.
         backwards: the arm's newest stamp is before the one that came before it.
         trajectory: what the arm was last sent and was not told to give up.
         given_up: trajectories that were given up by an acknowledgement since one came to its end.
@@ -92,8 +92,8 @@ class Memory:
     hands: HandMemory = field(default_factory=HandMemory)
     too_near: bool = False
     leasts_m: tuple[tuple[float, float], ...] = ()
-    leaving: float = 0.0
-    share: float = 1.0
+    retreat_scale: float = 0.0
+    speed_scale: float = 1.0
     backwards: bool = False
     trajectory: JointTrajectory | None = None
     given_up: int = 0
@@ -110,9 +110,9 @@ class Memory:
         elif self.trajectory is not None and _far_rad(self.trajectory) > LIMITS.off_path_rad:
             self.given_up = 0 if _arrived(observation, self.trajectory) else self.given_up
 
-    def command(self, observation: Observation, command: Command, judgement: Judgement) -> None:
+    def command(self, observation: Observation, command: Command, judgement: SafetyDecision) -> None:
         """A tick ends with what goes out."""
-        self.share = judgement.share
+        self.speed_scale = judgement.speed_scale
         self.gripper.command(command, judgement, observation.time_s)
         given_up = judgement.gives_path_up(acknowledged=observation.acknowledged)
         self.given_up += given_up and self.trajectory is not None
@@ -122,28 +122,28 @@ class Memory:
             self.trajectory = command.follow
 
 
-Check = Callable[[Observation, Command, Memory], Detection | None]
+Check = Callable[[Observation, Command, Memory], FaultReport | None]
 
 
 def _trouble_of(*devices: str) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    def check(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         found = [trouble.reason for trouble in seen.troubles if trouble.device in devices]
-        return Detection("; ".join(found)) if found else None
+        return FaultReport("; ".join(found)) if found else None
 
     return check
 
 
 def _mode(text: str, *modes: ArmMode) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
-        return Detection(seen.arm.reason or text) if seen.arm.mode in modes else None
+    def check(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
+        return FaultReport(seen.arm.reason or text) if seen.arm.mode in modes else None
 
     return check
 
 
-def _safeguard(seen: Observation, _: Command, __: Memory) -> Detection | None:
+def _safeguard(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
     if seen.arm.mode not in ("safeguard_stop", "safeguard_closed"):
         return None
-    return Detection(seen.arm.reason or "safeguard stop of the arm", early=seen.arm.mode == "safeguard_stop")
+    return FaultReport(seen.arm.reason or "safeguard stop of the arm", early=seen.arm.mode == "safeguard_stop")
 
 
 def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
@@ -151,38 +151,38 @@ def arm_checks(monitor: ArmMonitor) -> dict[str, Check]:
     slow: list[tuple[JointTrajectory | None, float]] = [(None, 1.0)]
 
     def watched(seen: Observation, memory: Memory) -> ArmMonitor:
-        monitor.see(seen.time_s, seen.arm, memory.share, memory.trajectory)
+        monitor.see(seen.time_s, seen.arm, memory.speed_scale, memory.trajectory)
         return monitor
 
-    def not_plausible(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def not_plausible(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         words = watched(seen, memory).implausible
-        return Detection(words) if words else None
+        return FaultReport(words) if words else None
 
-    def not_obeying(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def not_obeying(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         words = watched(seen, memory).disobeys
-        return Detection(words) if words else None
+        return FaultReport(words) if words else None
 
-    def stale(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def stale(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         if words := _old_arm(seen, "STALE_ARM_S", STALE_ARM_S):
-            return Detection(words)
+            return FaultReport(words)
         repeats_s = watched(seen, memory).repeats_s
         return (
-            Detection(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
+            FaultReport(Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{repeats_s:.2f}"))
             if compared("supervisor arm_stale", "repeats_s", repeats_s, ">", ARM.repeats_s, ArmMonitor.__module__)
             else None
         )
 
-    def path_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def path_unknown(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         path = memory.trajectory
         if path is None or not seen.arm.moving or (seen.arm.path_s is not None and not _why_off_path(seen, path)):
             return None
         if slow[0][0] is not path:
             slow[0] = path, monitor.slow_share(path)
-        return Detection("slower, as the arm does not tell how far along its path it is", slow[0][1])
+        return FaultReport("slower, as the arm does not tell how far along its path it is", slow[0][1])
 
-    def slower(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def slower(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         words = watched(seen, memory).lags
-        return Detection(words) if words else None
+        return FaultReport(words) if words else None
 
     return {
         "arm_not_plausible": not_plausible,
@@ -202,38 +202,38 @@ def _old_arm(seen: Observation, name: str, limit_s: float) -> str:
     return Message("{words} ({reason})", words=words, reason=seen.arm.reason) if seen.arm.reason else words
 
 
-def _lost_arm(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+def _lost_arm(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
     words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "arm")
     return _unless_vain(words or _old_arm(seen, "lost_arm_s", LIMITS.lost_arm_s), memory)
 
 
-def _lost_gripper(seen: Observation, _: Command, __: Memory) -> Detection | None:
+def _lost_gripper(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
     words = "; ".join(trouble.reason for trouble in seen.troubles if trouble.device == "gripper")
     words = words or stale_words(seen, LIMITS.lost_gripper_s)
-    return Detection(words) if words else None
+    return FaultReport(words) if words else None
 
 
-def _time_wrong(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+def _time_wrong(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
     if not seen.arm.time_s <= seen.time_s + PLAUSIBLE.future_s:
-        return Detection("the arm's state is stamped with a time to come")
-    return Detection("the stamps of the arm's states go backwards") if memory.backwards else None
+        return FaultReport("the arm's state is stamped with a time to come")
+    return FaultReport("the stamps of the arm's states go backwards") if memory.backwards else None
 
 
-def _off_path(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+def _off_path(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
     """The arm is elsewhere than its trajectory has it, or does not follow it at all."""
     return _unless_vain(_why_off_path(seen, memory.trajectory), memory)
 
 
-def _unless_vain(words: str, memory: Memory) -> Detection | None:
+def _unless_vain(words: str, memory: Memory) -> FaultReport | None:
     """What a person clears, as long as that helps."""
     if words and memory.given_up >= LIMITS.vain_times:
-        return Detection(
+        return FaultReport(
             Message(
                 "{words}, although it was acknowledged {given_up} times in a row", words=words, given_up=memory.given_up
             ),
-            vain=True,
+            acknowledged_in_vain=True,
         )
-    return Detection(words) if words else None
+    return FaultReport(words) if words else None
 
 
 def _why_off_path(seen: Observation, sent: JointTrajectory | None) -> str:
@@ -277,16 +277,16 @@ def _near_rad(sent: JointTrajectory) -> float:
 
 
 def _of_gripper(words: Callable[[Observation, Memory], str]) -> Check:
-    def check(seen: Observation, _: Command, memory: Memory) -> Detection | None:
-        return Detection(found) if (found := words(seen, memory)) else None
+    def check(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
+        return FaultReport(found) if (found := words(seen, memory)) else None
 
     return check
 
 
 def _restarted(how: str, words: str) -> Check:
-    def check(_: Observation, __: Command, memory: Memory) -> Detection | None:
+    def check(_: Observation, __: Command, memory: Memory) -> FaultReport | None:
         return (
-            Detection(Message("the gripper restarted {words}", words=words))
+            FaultReport(Message("the gripper restarted {words}", words=words))
             if memory.gripper.restarted == how
             else None
         )
@@ -294,27 +294,27 @@ def _restarted(how: str, words: str) -> Check:
     return check
 
 
-def _stale_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
+def _stale_bench(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
     if seen.bench is None:
         why = [trouble.reason for trouble in seen.troubles if trouble.device in OF_OVERHEAD]
-        return Detection("; ".join([*why, "no view of the bench yet"]))
+        return FaultReport("; ".join([*why, "no view of the bench yet"]))
     age_s = seen.time_s - seen.bench.time_s
     return (
-        Detection(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
+        FaultReport(Message("the view of the bench is {age_s} s old", age_s=f"{age_s:.1f}"))
         if not compared("supervisor bench_stale", "stale_s", age_s, "<=", PLAUSIBLE.stale_s, PLAUSIBLE.__module__)
         else None
     )
 
 
-def _future_bench(seen: Observation, _: Command, __: Memory) -> Detection | None:
+def _future_bench(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
     ahead = seen.bench is not None and not seen.bench.time_s <= seen.time_s + PLAUSIBLE.future_s
-    return Detection("the view of the bench is stamped with a time to come") if ahead else None
+    return FaultReport("the view of the bench is stamped with a time to come") if ahead else None
 
 
 def _of_view(words: Callable[[BenchView], str]) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    def check(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         found = "" if seen.bench is None else words(seen.bench)
-        return Detection(found) if found else None
+        return FaultReport(found) if found else None
 
     return check
 
@@ -328,19 +328,19 @@ def _with(beginning: str, found: str) -> str:
     return Message("{beginning} {found}", beginning=beginning, found=found) if found else ""
 
 
-def _camera_moved(seen: Observation, _: Command, __: Memory) -> Detection | None:
+def _camera_moved(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
     told = [view.calibration for view in (seen.bench, seen.parts) if view is not None and view.calibration]
-    return Detection("; ".join(told)) if told else None
+    return FaultReport("; ".join(told)) if told else None
 
 
-def _hand_unknown(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+def _hand_unknown(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
     told = "" if seen.bench is None else seen.bench.hand_unknown
     words = told or "it is not seen any more, and no edge is told by which it left" * memory.hands.vanished
-    return Detection(_with("where the hand is, is not known:", words)) if words else None
+    return FaultReport(_with("where the hand is, is not known:", words)) if words else None
 
 
-def _blind(_: Observation, __: Command, memory: Memory) -> Detection | None:
-    return Detection(memory.hands.blind) if memory.hands.blind else None
+def _blind(_: Observation, __: Command, memory: Memory) -> FaultReport | None:
+    return FaultReport(memory.hands.blind) if memory.hands.blind else None
 
 
 def tick_checks(tick_s: float) -> dict[str, Check]:
@@ -352,9 +352,9 @@ def tick_checks(tick_s: float) -> dict[str, Check]:
 
 
 def _late(name: str, limit_s: float) -> Check:
-    def check(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    def check(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         return (
-            Detection(Message("a tick came {late_s} s late", late_s=f"{seen.late_s:.2f}"))
+            FaultReport(Message("a tick came {late_s} s late", late_s=f"{seen.late_s:.2f}"))
             if compared("supervisor tick_late", name, seen.late_s, ">", limit_s, __name__)
             else None
         )
@@ -362,18 +362,18 @@ def _late(name: str, limit_s: float) -> Check:
     return check
 
 
-def _contested(_: Observation, command: Command, __: Memory) -> Detection | None:
+def _contested(_: Observation, command: Command, __: Memory) -> FaultReport | None:
     return (
-        Detection(Message("two nodes commanded the {contested}", contested=" and the ".join(command.contested)))
+        FaultReport(Message("two nodes commanded the {contested}", contested=" and the ".join(command.contested)))
         if command.contested
         else None
     )
 
 
 def _rule(action: str) -> Check:
-    def check(_: Observation, command: Command, __: Memory) -> Detection | None:
+    def check(_: Observation, command: Command, __: Memory) -> FaultReport | None:
         found = [why for does, why in command.broken if does == action]
-        return Detection("; ".join(found)) if found else None
+        return FaultReport("; ".join(found)) if found else None
 
     return check
 
@@ -381,7 +381,7 @@ def _rule(action: str) -> Check:
 def _either(*checks: Check) -> Check:
     """The first detection of several checks."""
 
-    def look(seen: Observation, command: Command, memory: Memory) -> Detection | None:
+    def look(seen: Observation, command: Command, memory: Memory) -> FaultReport | None:
         return next((found for check in checks if (found := check(seen, command, memory)) is not None), None)
 
     return look

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Command, GripperCommand, HandCommand
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus, Observation
 
@@ -99,7 +99,7 @@ class GripperMemory:
         self.disobeys = self._disobeys(gripper, now_s)
         self._before = gripper
 
-    def command(self, command: Command, judgement: Judgement, now_s: float) -> None:
+    def command(self, command: Command, judgement: SafetyDecision, now_s: float) -> None:
         """A tick ends with what goes out; held fingers stand, but for those that a hand gives or takes with."""
         goal = command.gripper or self._goal
         moves = goal is not None and self._before is not None and with_hand(goal, self._before, judgement)
@@ -210,7 +210,7 @@ def refusal_words(gripper: GripperState, memory: GripperMemory) -> str:
     return Message("the gripper takes no command, gFLT 0x{fault}", fault=f"{gripper.fault:02X}") if refused else ""
 
 
-def with_hand(goal: GripperCommand, gripper: GripperState, judgement: Judgement) -> bool:
+def with_hand(goal: GripperCommand, gripper: GripperState, judgement: SafetyDecision) -> bool:
     """Whether fingers may move though a near hand, and nothing else, holds the arm: open, or close at their least."""
     gentle = goal.speed_m_s <= LEAST_SPEED_M_S and goal.force_n <= LEAST_FORCE_N
     opens = goal.opening_m >= gripper.opening_m

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from bracket_cell.running.device_reader import describe
 from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
 from bracket_ground.interfaces.clock import Clock
-from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, Judgement
+from bracket_ground.interfaces.faults import ACKNOWLEDGE, HAND_TOO_NEAR, USUAL, SafetyDecision
 from bracket_ground.interfaces.frame import Frame
 
 ENCOUNTER_S = 2.0  # a hand that was away for less is in the same encounter
@@ -26,7 +26,7 @@ class Announcer:
         self._once: set[str] = set()
         self._alarm = ""
 
-    def alarm(self, judgement: Judgement, unacknowledged: bool) -> str | None:
+    def alarm(self, judgement: SafetyDecision, unacknowledged: bool) -> str | None:
         """The trouble that a panel is to show until somebody acknowledges it; None where it shows that already."""
         text = f"{judgement.words}; {ACKNOWLEDGE}" if unacknowledged else ""
         if bool(text) == bool(self._alarm):
@@ -34,7 +34,7 @@ class Announcer:
         self._alarm = text
         return text
 
-    def news(self, judgement: Judgement, time_s: float, unacknowledged: bool = False) -> tuple[Level, str] | None:
+    def news(self, judgement: SafetyDecision, time_s: float, unacknowledged: bool = False) -> tuple[Level, str] | None:
         """What is to be said now, if it is something new; a hand that comes again at once is not.
 
         Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bracket_cell.running.fault_checks import Check, Detection, Memory
+from bracket_cell.running.fault_checks import Check, FaultReport, Memory
 from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
 from bracket_cell.skills.motion.near_hand import separation_of
 from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
@@ -43,17 +43,19 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
             known[0] = (seen.tick, separation_of(monitor, seen, _followed(seen, memory)))
         return known[0][1]
 
-    def not_plausible(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    def not_plausible(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         words = "" if seen.bench is None else monitor.persons.view_range.doubt(seen.bench, seen.time_s)
-        return Detection(words) if words else None
+        return FaultReport(words) if words else None
 
-    def near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def near(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         found = separation(seen, memory)
-        if found is None or compared("supervisor hand_near", "full_share", found.share, ">=", 1.0, SOURCE, **given):
+        if found is None or compared(
+            "supervisor hand_near", "full_share", found.speed_scale, ">=", 1.0, SOURCE, **given
+        ):
             return None
-        return Detection("slower, as a hand is near", found.share)
+        return FaultReport("slower, as a hand is near", found.speed_scale)
 
-    def too_near(seen: Observation, _: Command, memory: Memory) -> Detection | None:
+    def too_near(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         found = separation(seen, memory)
         if found is None:
             memory.too_near, memory.leasts_m = False, ()
@@ -69,11 +71,13 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         if not memory.too_near:
             return None
         if not found.distance_m >= found.least_m + slack_m:  # else only a motion before asks for more room
-            memory.leaving = found.leaving
-        words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.leaving > 0)
-        return Detection("it is not known how near a hand is" if found is UNKNOWN else words, leaving=memory.leaving)
+            memory.retreat_scale = found.retreat_scale
+        words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.retreat_scale > 0)
+        return FaultReport(
+            "it is not known how near a hand is" if found is UNKNOWN else words, retreat_scale=memory.retreat_scale
+        )
 
-    def blind(seen: Observation, _: Command, __: Memory) -> Detection | None:
+    def blind(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         view, joints = seen.bench, seen.arm.known_rad(monitor.outline.joints)
         with suppress(Implausible):
             if (
@@ -83,7 +87,7 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
                 return None
         if joints is not None and not monitor.out_of_view(np.array(joints)):
             return None
-        return Detection("slower, as the camera does not see who comes here", monitor.settings.blind_share)
+        return FaultReport("slower, as the camera does not see who comes here", monitor.settings.blind_share)
 
     return {"hand_not_plausible": not_plausible, "hand_near": near, "hand_too_near": too_near, "blind_area": blind}
 

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bracket_cell.running.fault_checks import CHECKS, Check, Detection, Memory, arm_checks, tick_checks
+from bracket_cell.running.fault_checks import CHECKS, Check, FaultReport, Memory, arm_checks, tick_checks
 from bracket_cell.running.gripper_checks import GripperMemory
 from bracket_cell.running.person_checks import person_checks
 from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, Judgement
+from bracket_ground.interfaces.faults import LOST, SAFEGUARD, Action, Fault, FaultTable, SafetyDecision
 from bracket_ground.interfaces.gripper import Gripper
 from bracket_ground.interfaces.observation import Observation
 from btxml.engine.causes import compared
@@ -37,7 +37,7 @@ class AcknowledgementLimits:
 LIMITS = AcknowledgementLimits()
 
 
-NO_DETECTION = Detection("")
+NO_REPORT = FaultReport("")
 PAUSED = "operator_pause"
 
 
@@ -46,18 +46,18 @@ class _State:
     """Where one row of the table stands.
 
     Attributes:
-        since_s: since when its detection is seen; None while it is not.
-        active_s: since when it acts; None while it does not.
-        last_s: when its detection was seen last.
-        detection: the newest one.
+        first_seen_s: since when its fault is reported; None while it is not.
+        active_since_s: since when it acts; None while it does not.
+        last_seen_s: when its fault was reported last.
+        report: the newest.
         expired: it became a stop.
         acknowledged_s: when somebody acknowledged it last.
     """
 
-    since_s: float | None = None
-    active_s: float | None = None
-    last_s: float = 0.0
-    detection: Detection = NO_DETECTION
+    first_seen_s: float | None = None
+    active_since_s: float | None = None
+    last_seen_s: float = 0.0
+    report: FaultReport = NO_REPORT
     expired: bool = False
     acknowledged_s: float = -math.inf
 
@@ -90,12 +90,12 @@ class Supervisor:
         own = GripperMemory() if gripper is None else GripperMemory.of(gripper)
         self._memory, self._share, self._monitor = Memory(own), share, monitor
 
-    def judge(self, observation: Observation) -> Judgement:
+    def judge(self, observation: Observation) -> SafetyDecision:
         """What is allowed in the tick that saw this."""
         self._memory.see(observation)
         return self._judge(observation, Command(), [row for row in self._rows if row[0].signal not in OF_COMMANDS])
 
-    def judge_command(self, observation: Observation, command: Command) -> Judgement:
+    def judge_command(self, observation: Observation, command: Command) -> SafetyDecision:
         """The same with what the nodes ask for; what must not go out is for the controller to withhold."""
         judgement = self._judge(observation, command, [row for row in self._rows if row[0].signal in OF_COMMANDS])
         self._memory.command(observation, command, judgement)
@@ -111,7 +111,7 @@ class Supervisor:
         """Whether something that only a person clears is active, and nobody acknowledged it so far."""
         return any(_waits_for_person(fault, state) for fault, _, state in self._rows)
 
-    def _judge(self, observation: Observation, command: Command, asked: Sequence[_Row]) -> Judgement:
+    def _judge(self, observation: Observation, command: Command, asked: Sequence[_Row]) -> SafetyDecision:
         for fault, check, state in asked:
             _update(fault, state, check(observation, command, self._memory), observation)
         found: list[tuple[Action, str, str]] = []
@@ -119,21 +119,19 @@ class Supervisor:
             found.append((Action.HOLD, PAUSED, "paused by the operator"))
         share = min(self._share, _share(observation.operator.speed))  # what is seen may only take from it
         for fault, _, state in self._rows:
-            if state.active_s is None:
+            if state.active_since_s is None:
                 continue
             action, allowed = _answer(fault, state)
-            found.append((action, fault.signal, state.detection.reason))
+            found.append((action, fault.signal, state.report.reason))
             share = min(share, allowed)
         worst = max((action for action, *_ in found), default=Action.RUN)
         found.sort(key=lambda entry: -entry[0])
         reasons = tuple((signal, reason) for _, signal, reason in found)
-        held_by = tuple(signal for action, signal, _ in found if action is worst is Action.HOLD)
+        holding_faults = tuple(signal for action, signal, _ in found if action is worst is Action.HOLD)
         closed = observation.arm.mode == "safeguard_closed"
-        unasked = closed and any(
-            fault.signal == SAFEGUARD and fault.clear == "itself" and state.active_s is not None and not state.expired
-            for fault, _, state in self._rows
-        )
-        return Judgement(worst, 0.0 if worst >= Action.HOLD else share, reasons, held_by, unasked)
+        active = (row for row in self._rows if row[2].active_since_s is not None and not row[2].expired)
+        unasked = closed and any(fault.signal == SAFEGUARD and fault.clear == "itself" for fault, *_ in active)
+        return SafetyDecision(worst, 0.0 if worst >= Action.HOLD else share, reasons, holding_faults, unasked)
 
 
 def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
@@ -147,34 +145,34 @@ def make_supervisor(table: FaultTable, motion: MotionPlanner) -> Supervisor:
     return Supervisor(table, checks, motion.settings.speed_share, monitor, robot.gripper)
 
 
-def _update(fault: Fault, state: _State, detection: Detection | None, seen: Observation) -> None:
+def _update(fault: Fault, state: _State, report: FaultReport | None, seen: Observation) -> None:
     now_s = seen.time_s
-    acknowledged = seen.acknowledged and not (detection is not None and detection.early)
+    acknowledged = seen.acknowledged and not (report is not None and report.early)
     if acknowledged:
         state.acknowledged_s = now_s
-    if detection is not None:
-        state.since_s = now_s if state.since_s is None else state.since_s
-        state.last_s, state.detection = now_s, detection
-        if state.active_s is None and _lasts(fault, "delay_s", now_s - state.since_s, ">=", fault.delay_s):
-            state.active_s, state.acknowledged_s = now_s, now_s if acknowledged else -math.inf
+    if report is not None:
+        state.first_seen_s = now_s if state.first_seen_s is None else state.first_seen_s
+        state.last_seen_s, state.report = now_s, report
+        if state.active_since_s is None and _lasts(fault, "delay_s", now_s - state.first_seen_s, ">=", fault.delay_s):
+            state.active_since_s, state.acknowledged_s = now_s, now_s if acknowledged else -math.inf
     else:
-        state.since_s = None
-        if state.active_s is not None and _clears(fault, state, seen):
-            state.active_s, state.expired = None, False
-    if state.active_s is not None:
+        state.first_seen_s = None
+        if state.active_since_s is not None and _clears(fault, state, seen):
+            state.active_since_s, state.expired = None, False
+    if state.active_since_s is not None:
         limit_s = fault.stop_after_s
-        lasts = limit_s is not None and _lasts(fault, "stop_after_s", now_s - state.active_s, ">", limit_s)
+        lasts = limit_s is not None and _lasts(fault, "stop_after_s", now_s - state.active_since_s, ">", limit_s)
         state.expired |= lasts and fault.does > Action.WARN
-        state.expired |= fault.clear == "person" and state.detection.vain
+        state.expired |= fault.clear == "person" and state.report.acknowledged_in_vain
 
 
 def _answer(fault: Fault, state: _State) -> tuple[Action, float]:
     """What a row does that acts, and the share of speed that it leaves."""
     if state.expired:
         return Action.STOP, 0.0
-    if fault.does is Action.HOLD and (leaving := _share(state.detection.leaving)) > 0:
+    if fault.does is Action.HOLD and (leaving := _share(state.report.retreat_scale)) > 0:
         return Action.SLOW, leaving
-    return fault.does, min(fault.share, _share(state.detection.share)) if fault.does is Action.SLOW else 1.0
+    return fault.does, min(fault.share, _share(state.report.speed_scale)) if fault.does is Action.SLOW else 1.0
 
 
 def _share(value: float) -> float:
@@ -183,8 +181,8 @@ def _share(value: float) -> float:
 
 
 def _waits_for_person(fault: Fault, state: _State) -> bool:
-    late = state.acknowledged_s < state.last_s - LIMITS.acknowledged_s
-    return state.active_s is not None and not state.expired and fault.clear == "person" and late
+    late = state.acknowledged_s < state.last_seen_s - LIMITS.acknowledged_s
+    return state.active_since_s is not None and not state.expired and fault.clear == "person" and late
 
 
 def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
@@ -193,9 +191,9 @@ def _clears(fault: Fault, state: _State, seen: Observation) -> bool:
     if _waits_for_person(fault, state) or (fault.signal in LOST and seen.acknowledged):  # its path goes first
         return False
     if fault.clear == "standstill" and not seen.arm.stands:
-        state.last_s = seen.time_s
+        state.last_seen_s = seen.time_s
         return False
-    return _lasts(fault, "clear_s", seen.time_s - state.last_s, ">=", fault.clear_s)
+    return _lasts(fault, "clear_s", seen.time_s - state.last_seen_s, ">=", fault.clear_s)
 
 
 def _lasts(fault: Fault, parameter: str, lasted_s: float, relation: str, limit_s: float) -> bool:

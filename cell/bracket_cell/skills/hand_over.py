@@ -213,7 +213,7 @@ class Bring:
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Go on, and feel."""
-        held = observation.held_by == (HAND_TOO_NEAR,)
+        held = observation.holding_faults == (HAND_TOO_NEAR,)
         pulled, kept = self.offer.pulled(observation), observation.gripper.holding or self.offer.knocked(observation)
         if pulled and held and kept and observation.arm.stands:
             command.follow, command.stop_arm = None, True

@@ -15,7 +15,7 @@ from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.words.message import Message
 from bracket_ground.files.yaml_file import load_yaml, place_of
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.observation import ArmState, GripperState, Observation
+from bracket_ground.interfaces.observation import LOGGED_AS, ArmState, GripperState, Observation
 from bracket_ground.interfaces.operator import OperatorState
 from btxml.engine.blackboard import UNSET, Scope
 from btxml.engine.status import Status
@@ -159,10 +159,10 @@ def _states(part: str) -> Iterator[str]:
         yield from (f"{part}.{name}" for name in (*(field.name for field in fields(kind)), *own))
     yield from (f"{part}.{name}" for name in {"tool": AXES, "command": COMMANDED}.get(part, ()))
     if part == "cell":
-        yield from (f"cell.{field.name}" for field in fields(Observation) if field.name in _CELL)
+        yield from (f"cell.{name}" for name in _CELL)
 
 
-_CELL = ("time_s", "late_s", "acknowledged", "share", "work_s")
+_CELL = {LOGGED_AS.get(name, name): name for name in ("time_s", "late_s", "acknowledged", "speed_scale", "work_s")}
 _STATES = (*OF_DEVICES, "tool", "command", "cell")
 
 
@@ -196,7 +196,9 @@ class Situation:
             return self._tool(self.observation, AXES.index(rest))
         if part == "command":
             return self._commanded(self.observation, rest)
-        return getattr(self.observation if part == "cell" else getattr(self.observation, part), rest)
+        if part == "cell":
+            return getattr(self.observation, _CELL[rest])
+        return getattr(getattr(self.observation, part), rest)
 
     def _tool(self, seen: Observation, axis: int) -> float | None:
         joints = None if self.kinematics is None else seen.arm.known_rad(self.kinematics.count)

@@ -14,7 +14,7 @@ from bracket_cell.viewing.guidance import step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
-from bracket_ground.interfaces.faults import HAND_TOO_NEAR, USUAL, Action, Judgement
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR, USUAL, Action, SafetyDecision
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import Question
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
@@ -83,7 +83,7 @@ class OperatorGuide:
         self._shown = _shown_as(tree())
         self._running: dict[int, str] = {}  # what the running nodes show, by uid
         self._seen: Observation | None = None
-        self._judgement = Judgement()
+        self._judgement = SafetyDecision()
         self._since_s: dict[str, float] = {}  # by signal that is there
         self._display = Display()
         self._asks = False
@@ -101,7 +101,7 @@ class OperatorGuide:
     def take(self, record: TickRecord) -> None:
         """One more tick."""
         self._seen = seen = record.observation
-        self._judgement = record.judgement or Judgement()
+        self._judgement = record.judgement or SafetyDecision()
         self._since_s = {name: self._since_s.get(name, seen.time_s) for name, _ in self._judgement.reasons}
         self._asks = record.unacknowledged
         self._display = record.command.display or self._display
@@ -112,7 +112,7 @@ class OperatorGuide:
             self._change(change)
         for topic, fields in record.notes:
             self._note(topic, fields)
-        near = self._judgement.held_by == (HAND_TOO_NEAR,) or ShownAs.GIVES_WAY in self._running.values()
+        near = self._judgement.holding_faults == (HAND_TOO_NEAR,) or ShownAs.GIVES_WAY in self._running.values()
         self._near_since_s = min(self._near_since_s, seen.time_s) if near else math.inf
         if seen.bench is not None and seen.bench.action.kind == "screw":
             self._loose = ""
@@ -140,7 +140,7 @@ class OperatorGuide:
         Others follow from it: a flood of alarms of one cause is one alarm (ISA-18.2).
         """
         reasons = [reason for reason in self._judgement.reasons if reason[0] not in USUAL]
-        holding = [reason for reason in reasons if reason[0] in self._judgement.held_by]
+        holding = [reason for reason in reasons if reason[0] in self._judgement.holding_faults]
         return min(
             holding, key=lambda reason: self._since_s.get(reason[0], math.inf), default=next(iter(reasons), None)
         )
@@ -248,7 +248,7 @@ class OperatorGuide:
             "bench_stale"
         ] and not self._display.goal_belief:  # the cameras begin
             return None
-        if judged.action < Action.HOLD or judged.held_by == (HAND_TOO_NEAR,) or cause is None or seen.bench is None:
+        if judged.new_path or cause is None or seen.bench is None:
             return None
         return Instruction("alarm", Message(ADVICE[cause[0]]))
 

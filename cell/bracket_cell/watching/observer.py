@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.notes import Topic
 from bracket_ground.interfaces.observation import JointSamples, Observation
@@ -51,7 +51,7 @@ class TickRecord:
     wall_s: float
     overrun: bool
     joints: JointSamples | None = None
-    judgement: Judgement | None = None
+    judgement: SafetyDecision | None = None
     observers_s: float = 0.0
     unacknowledged: bool = False
 

@@ -131,7 +131,7 @@ class Fluency(Observer):
         self._holding = stopped
         human = seen.bench is not None and seen.bench.action.kind != "idle"
         moves = not seen.arm.stands
-        share = 1.0 if stopped or record.judgement is None or not moves else record.judgement.share
+        share = 1.0 if stopped or record.judgement is None or not moves else record.judgement.speed_scale
         self._held_s += period_s if stopped else 0.0
         self._slowed_s += period_s * (1.0 - share)
         self._lost_alone_s += 0.0 if human else period_s * (1.0 if stopped else 1.0 - share)

@@ -38,7 +38,7 @@ OF_NODE = {"status": Status, "feedback_message": str, "what_if": str, "_error": 
 OF_MOTION = {"hold": Hold | None, "lying": LyingHold | None, "around": Box | None}
 PLAIN = bool | int | float | str
 OF_ENTRY = {"value": Any, "revision": int, "carried": bool, "declared": bool, "text": str | None}
-FORM = 2  # of the state; older ones held functions by their names
+FORM = 3  # of the state; older ones have other names
 NUMBER = re.compile(r"::\d+")
 
 

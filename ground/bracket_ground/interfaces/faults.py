@@ -299,30 +299,30 @@ def _weaker(row: Fault, floor: Fault) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class SafetyDecision:
     """What the supervisor allows in one tick.
 
     Attributes:
-        share: of the speed along the path, 0 to 1; 0 holds the arm on its path.
+        speed_scale: of the speed along the path, 0 to 1; 0 holds the arm on its path.
         reasons: (signal, words for an operator) of all that acts, the gravest first.
-        held_by: signals that hold the arm; empty where it is not held, and where the run is stopped.
+        holding_faults: signals that hold the arm; empty where it is not held, and where the run is stopped.
         brings_back: a safeguard closed, and its row does not wait for a person: the arm is to be brought back.
     """
 
     action: Action = Action.RUN
-    share: float = 1.0
+    speed_scale: float = 1.0
     reasons: tuple[tuple[str, str], ...] = ()
-    held_by: tuple[str, ...] = ()
+    holding_faults: tuple[str, ...] = ()
     brings_back: bool = False
 
     @property
     def new_path(self) -> bool:
         """Whether the arm may be given another path; a held one stands at its beginning."""
-        return self.action < Action.HOLD or self.held_by == (HAND_TOO_NEAR,)
+        return self.action < Action.HOLD or self.holding_faults == (HAND_TOO_NEAR,)
 
     def gives_path_up(self, *, acknowledged: bool) -> bool:
         """Whether an arm that is held off its path or was lost forgets it and stays where somebody saw it."""
-        return acknowledged and not {OFF_PATH, OFF_PATH_LONG, *LOST}.isdisjoint(self.held_by)
+        return acknowledged and not {OFF_PATH, OFF_PATH_LONG, *LOST}.isdisjoint(self.holding_faults)
 
     @property
     def words(self) -> str:

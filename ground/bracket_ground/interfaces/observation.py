@@ -148,6 +148,9 @@ class Trouble:
     reason: str
 
 
+LOGGED_AS = {"speed_scale": "share", "holding_faults": "held_by"}  # names of logs and rules
+
+
 @dataclass(frozen=True)
 class Observation:
     """Everything that a tick may read.
@@ -162,8 +165,8 @@ class Observation:
         acknowledged: somebody acknowledged what holds the cell since the tick before.
         signals: digital inputs and outputs by name; what is unknown now is absent.
         operator: what somebody at panel, page or terminal wants.
-        share: of the speed that the supervisor allows in this tick; 0 while it holds.
-        held_by: signals for which it holds the arm, if it does.
+        speed_scale: of the speed that the supervisor allows in this tick; 0 while it holds.
+        holding_faults: signals for which it holds the arm, if it does.
         work_s: time that skills had to work so far: it stands while the supervisor holds. None in old logs.
     """
 
@@ -178,9 +181,9 @@ class Observation:
     acknowledged: bool = False
     operator: OperatorState = NOBODY
     signals: Mapping[str, bool] = field(default_factory=dict)
-    share: float = 1.0
+    speed_scale: float = 1.0
     work_s: float | None = None
-    held_by: tuple[str, ...] = ()
+    holding_faults: tuple[str, ...] = ()
 
     @property
     def arm_answers(self) -> bool:
@@ -191,7 +194,7 @@ class Observation:
     @property
     def new_path(self) -> bool:
         """Whether the arm may be given another path; one that is held stands at its beginning."""
-        return self.share > 0 or self.held_by == (HAND_TOO_NEAR,)
+        return self.speed_scale > 0 or self.holding_faults == (HAND_TOO_NEAR,)
 
     @property
     def worked_s(self) -> float:

@@ -315,7 +315,7 @@ class Danger(Observer):
 
     def _order(self, record: TickRecord) -> None:
         now_s = record.observation.time_s
-        share = 1.0 if record.judgement is None else record.judgement.share
+        share = 1.0 if record.judgement is None else record.judgement.speed_scale
         if record.status in ("STOPPING", "STOPPED") or record.command.stop_arm:
             self._path, share = None, 0.0
         elif record.sent.trajectory is not None:

@@ -95,7 +95,7 @@ class Evidence(Observer):
 
     def _order(self, record: TickRecord) -> None:
         now_s, command, sent = self._now_s, record.command, record.sent
-        share = 1.0 if record.judgement is None else record.judgement.share
+        share = 1.0 if record.judgement is None else record.judgement.speed_scale
         if record.status in ("STOPPING", "STOPPED") or command.stop_arm:
             share, self._path = 0.0, None
         elif sent.trajectory is not None:

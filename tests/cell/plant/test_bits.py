@@ -18,7 +18,7 @@ from bracket_cell.settings import BitSettings, Shown
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.operator import OperatorOrder, Question
 from tests.cell.running.test_supervisor import sound
@@ -55,7 +55,9 @@ class Rig:
         self.wires, self.ordered = Wires(), list[OperatorOrder]()
         self.bits = PlantBits(BITS, self.wires, load_product(load_configuration()), self.ordered.append)
 
-    def tick(self, judgement: Judgement | None = None, display: Display | None = None, **said: bool) -> dict[str, bool]:
+    def tick(
+        self, judgement: SafetyDecision | None = None, display: Display | None = None, **said: bool
+    ) -> dict[str, bool]:
         seen: Observation = replace(sound(0), signals=said)
         command = Command()
         command.display = display
@@ -71,7 +73,7 @@ def test_the_state_is_shown_and_only_changes_are_written() -> None:
     written = rig.wires.written
     rig.tick()
     assert rig.wires.written == written
-    shown = rig.tick(Judgement(Action.HOLD, 0.0, (("hand_unknown", "lost"),)))
+    shown = rig.tick(SafetyDecision(Action.HOLD, 0.0, (("hand_unknown", "lost"),)))
     assert shown["HELD"]
     assert not shown["RUNNING"]
     shown = rig.tick(display=Display(questions=(Question(1, "goal", "which one is it?", "", "say it", "", ()),)))

@@ -22,7 +22,7 @@ from bracket_cell.plant.ros_types import empty, message
 from bracket_cell.recording.scene import SceneLog
 from bracket_cell.settings import Ros2Settings
 from bracket_cell.skills.drivers.settings import DdsSettings
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from tests.cell.plant.test_ros2 import model, tick, with_hand
 from tests.processes import started
 
@@ -132,7 +132,7 @@ def test_rviz_and_rqt_are_shown_a_run(real: subprocess.Popen[str]) -> None:
     cell = model()
     scene, hold = (
         SceneLog(foxglove.Context(), cell),
-        Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),)),
+        SafetyDecision(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),)),
     )
     topics = RosTopics(Ros2Settings(domain=DOMAIN), cell.motion, scene, str)
     assert real.stdout is not None

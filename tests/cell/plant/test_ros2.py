@@ -21,7 +21,7 @@ from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import DeviceFault, InputError
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import HandSample
 from tests.cell.running.test_supervisor import sound
@@ -81,7 +81,7 @@ def test_bytes_of_every_message_are_those_of_another_implementation(name: str) -
     assert bytes(STORE.serialize_cdr(read, name)) == bytes(made.serialize())
 
 
-def tick(number: int, judgement: Judgement | None = None, display: Display | None = None) -> TickRecord:
+def tick(number: int, judgement: SafetyDecision | None = None, display: Display | None = None) -> TickRecord:
     command = Command()
     command.display = display
     return TickRecord(sound(number), "RUNNING", (), (), command, SentCommand(), 0.0, overrun=False, judgement=judgement)
@@ -120,7 +120,7 @@ def test_a_lab_sees_joints_transforms_diagnostics_and_words() -> None:
     }
     hears = {topic: lab.subscription(topic, kind, quality) for topic, (kind, quality) in of.items()}
     heard: dict[str, list[Any]] = {topic: [] for topic in of}
-    hold = Judgement(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),))
+    hold = SafetyDecision(Action.HOLD, 0.0, (("hand_unknown", "where the hand is, is not known"),))
     number = 0
 
     def all_came() -> bool:

@@ -119,9 +119,9 @@ def test_every_field_of_an_observation_comes_back(tmp_path: Path) -> None:
         acknowledged=True,
         operator=OperatorState(present=True),
         signals={"door": False},
-        share=0.0,
+        speed_scale=0.0,
         work_s=0.5,
-        held_by=("hand_too_near",),
+        holding_faults=("hand_too_near",),
     )
     usual = {field.name: field.default for field in fields(Observation) if field.default is not MISSING}
     assert not [name for name, value in usual.items() if getattr(seen, name) == value], "say another value here"

@@ -12,14 +12,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bracket_cell.running.device_reader import RobotPoseHistory
-from bracket_cell.running.fault_checks import Detection
+from bracket_cell.running.fault_checks import FaultReport
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.skills.motion.near_hand import separation_of, way_out
 from bracket_cell.skills.motion.planner import Load
 from bracket_cell.skills.motion.separation import UNKNOWN
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import Action, Fault, Judgement
+from bracket_ground.interfaces.faults import Action, Fault, SafetyDecision
 from bracket_ground.interfaces.observation import ArmState, JointSamples, Observation
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import HandSample, HoleView
@@ -83,8 +83,8 @@ def test_no_hand_that_cannot_be_lets_the_arm_move(odd: tuple[str, Any], near: bo
     bench = replace(seen.bench, other_hands=(wrong,)) if other else replace(seen.bench, hand=wrong)
     judgement = begun().judge(replace(seen, bench=bench))
     assert judgement.action is Action.HOLD
-    assert "hand_not_plausible" in judgement.held_by
-    assert judgement.share == 0
+    assert "hand_not_plausible" in judgement.holding_faults
+    assert judgement.speed_scale == 0
     assert not judgement.new_path
 
 
@@ -115,7 +115,7 @@ def test_hands_hold_the_arm_unless_separation_knows_the_room_that_they_leave(han
     found = separation_of(MONITOR, seen, None)
     assert found is not None
     if found is UNKNOWN or not found.distance_m >= found.least_m:
-        assert judgement.share == 0
+        assert judgement.speed_scale == 0
     else:
         assert math.isfinite(found.distance_m) or not hands
         assert MONITOR.persons.view_range.doubt(seen.bench, seen.time_s) == ""  # type: ignore[arg-type]
@@ -127,7 +127,7 @@ def test_a_hand_that_is_older_than_its_view_is_not_fresh(back_s: float) -> None:
     assert seen.bench is not None
     old = replace(seen, bench=replace(seen.bench, hand=replace(FAR, time_s=seen.time_s - back_s)))
     judgement = begun().judge(old)
-    assert judgement.held_by[0] == "hand_not_plausible"
+    assert judgement.holding_faults[0] == "hand_not_plausible"
     assert f"{back_s:.1f} s ago" in judgement.words
 
 
@@ -209,10 +209,10 @@ def arms_that_cannot_be(draw: st.DrawFn) -> tuple[str, Any]:
 @example(("moving", False))
 @example(("path_s", 1e9))
 def test_no_arm_that_cannot_be_is_freer(odd: tuple[str, Any]) -> None:
-    assert 0 < SOUND.share < 1
+    assert 0 < SOUND.speed_scale < 1
     seen = on_path(2, BEGUN_S)
     judgement = followed().judge(replace(seen, arm=replace(seen.arm, **dict([odd]))))
-    assert judgement.share <= SOUND.share
+    assert judgement.speed_scale <= SOUND.speed_scale
     name, value = odd
     later = name == "moving" or (name == "path_s" and 0 <= value < math.inf)  # seen to be off its path a tick later
     assert later or judgement.action >= Action.HOLD
@@ -222,11 +222,11 @@ def test_no_arm_that_cannot_be_is_freer(odd: tuple[str, Any]) -> None:
 @settings(max_examples=300, deadline=None)
 def test_no_share_that_cannot_be_is_a_speed(share: float, leaving: float, wanted: float, action: str) -> None:
     row = Fault(signal="hand_near", action=action, clear="itself", share=0.5)  # type: ignore[arg-type]
-    supervisor = Supervisor((row,), {"hand_near": lambda *_: Detection("near", share, leaving)})
-    judgement: Judgement = supervisor.judge(replace(sound(0), operator=OperatorState(speed=wanted)))
-    assert 0 <= judgement.share <= 1
+    supervisor = Supervisor((row,), {"hand_near": lambda *_: FaultReport("near", share, leaving)})
+    judgement: SafetyDecision = supervisor.judge(replace(sound(0), operator=OperatorState(speed=wanted)))
+    assert 0 <= judgement.speed_scale <= 1
     legal = [share, wanted] if action == "slow" else [leaving, wanted]
-    assert judgement.share == 0 or judgement.share <= min(0.5 if action == "slow" else 1.0, *legal)
+    assert judgement.speed_scale == 0 or judgement.speed_scale <= min(0.5 if action == "slow" else 1.0, *legal)
 
 
 def test_a_path_of_no_numbers_leaves_no_share() -> None:
@@ -234,7 +234,7 @@ def test_a_path_of_no_numbers_leaves_no_share() -> None:
     seen = on_path(2, BEGUN_S)
     found = separation_of(MONITOR, seen, (broken, BEGUN_S))
     assert found is not None
-    assert not found.share > 0
+    assert not found.speed_scale > 0
     assert not MONITOR.slow_share(broken) > 0
     assert separation_of(MONITOR, seen, (PATH, math.nan)) is UNKNOWN
 

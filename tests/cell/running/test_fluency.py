@@ -11,7 +11,7 @@ from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_cell.watching.statistics import Fluency
 from bracket_ground.interfaces.command import Command, JointTrajectory
 from bracket_ground.interfaces.faults import Action as Judged
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.perception import Action, HandSample
 from tests.cell.fakes import frame, idle_view
 from tests.cell.recording.test_recorder import record
@@ -23,7 +23,7 @@ def tick(number: int, human: bool, robot: bool, held: bool = False) -> TickRecor
     hand = HandSample(one.observation.time_s, (0, 0, 9, 9), (0.5, 0.0), (0.6, 0.0))
     view = replace(idle_view(frame(number)), action=Action("transit" if human else "idle", 1.0), hand=hand)
     arm = replace(one.observation.arm, moving=robot, velocities_rad_s=(0.1 * robot,) * 6)
-    judgement = Judgement(Judged.HOLD if held else Judged.RUN)
+    judgement = SafetyDecision(Judged.HOLD if held else Judged.RUN)
     return replace(one, observation=replace(one.observation, bench=view, arm=arm), judgement=judgement)
 
 
@@ -59,9 +59,9 @@ def test_interventions_and_motions_are_counted() -> None:
 
 def test_what_the_arm_lost_is_split_by_whether_the_person_acts() -> None:
     """Held time is lost whole, slowed time by the share that lacks; a slow arm that stands loses nothing."""
-    fluency, slow = Fluency(lambda _: (0.0, 0.0)), Judgement(Judged.SLOW, 0.25)
+    fluency, slow = Fluency(lambda _: (0.0, 0.0)), SafetyDecision(Judged.SLOW, 0.25)
     for number, (human, robot, judged) in enumerate(
-        [(True, True, Judgement()), (True, True, slow), (False, True, slow), (False, False, slow)]
+        [(True, True, SafetyDecision()), (True, True, slow), (False, True, slow), (False, False, slow)]
     ):
         fluency.tick(replace(tick(number, human, robot), judgement=judged))
     for number in (4, 5):

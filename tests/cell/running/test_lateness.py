@@ -10,7 +10,7 @@ from bracket_cell.running.observers import Announcer
 from bracket_cell.watching.lateness import BIN_S, Lateness, Quantiles
 from bracket_cell.watching.observer import Level, SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import Observation
 from tests.cell.running.test_finished import ARM, GRIPPER
 
@@ -66,9 +66,9 @@ def test_a_world_that_falls_behind_is_told_of_once() -> None:
 
 def test_a_late_tick_is_told_once_and_other_troubles_every_time() -> None:
     announcer = Announcer()
-    slow = Judgement(Action.SLOW, 0.25, (("tick_late", "a tick came 0.09 s late"),))
-    hold = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
-    judgements = (slow, Judgement(), slow, Judgement(), hold, Judgement(), hold)
+    slow = SafetyDecision(Action.SLOW, 0.25, (("tick_late", "a tick came 0.09 s late"),))
+    hold = SafetyDecision(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
+    judgements = (slow, SafetyDecision(), slow, SafetyDecision(), hold, SafetyDecision(), hold)
     told = [announcer.news(judgement, 10.0 * number) for number, judgement in enumerate(judgements)]
     assert [words and words[1].split(":")[0] for words in told] == [
         "slow",
@@ -82,16 +82,16 @@ def test_a_late_tick_is_told_once_and_other_troubles_every_time() -> None:
 
 
 def test_a_hand_that_comes_again_at_once_is_told_once() -> None:
-    announcer, hold = Announcer(), Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
-    told = [announcer.news(hold if number % 10 < 6 else Judgement(), 0.1 * number) for number in range(60)]
-    told += [announcer.news(Judgement(), 6.0 + 0.1 * number) for number in range(30)]
+    announcer, hold = Announcer(), SafetyDecision(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
+    told = [announcer.news(hold if number % 10 < 6 else SafetyDecision(), 0.1 * number) for number in range(60)]
+    told += [announcer.news(SafetyDecision(), 6.0 + 0.1 * number) for number in range(30)]
     assert [words[1].split(":")[0] for words in told if words] == ["hold", "all clear"]
 
 
 def test_a_hold_that_clears_while_a_hand_has_just_gone_is_never_told_without_a_reason() -> None:
     announcer = Announcer()
     lost = ("camera_lost", "camera wrist: nothing comes")
-    both = Judgement(Action.HOLD, 0.0, (lost, ("hand_too_near", "the hand is too near")))
-    judgements = [both, Judgement(Action.HOLD, 0.0, (lost,)), *(Judgement() for _ in range(30))]
+    both = SafetyDecision(Action.HOLD, 0.0, (lost, ("hand_too_near", "the hand is too near")))
+    judgements = [both, SafetyDecision(Action.HOLD, 0.0, (lost,)), *(SafetyDecision() for _ in range(30))]
     told = [announcer.news(judgement, 0.1 * number) for number, judgement in enumerate(judgements)]
     assert [words[1].split(":")[0] for words in told if words] == ["hold", "all clear"]

@@ -14,7 +14,7 @@ from bracket_cell.running.supervisor import make_supervisor
 from bracket_cell.skills.motion.arm_monitor import ArmMonitor, StopLimits
 from bracket_cell.skills.motion.planner import Load
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import Action as SeenAction
@@ -49,7 +49,7 @@ class Bench:
     gripper: GripperState = GRIPPED
     spoil: Callable[[Observation], Observation] = lambda seen: seen
     pause_s: tuple[float, float] = (np.inf, np.inf)
-    judged: list[Judgement] = field(default_factory=list)
+    judged: list[SafetyDecision] = field(default_factory=list)
     tool_m: list[np.ndarray] = field(default_factory=list)
 
     def run(self, ticks: int, until: Callable[[int], None] = lambda _: None) -> None:
@@ -67,7 +67,7 @@ class Bench:
                 command.follow, under_way, legs = leg(legs), True, legs + 1
             judgement = supervisor.judge_command(seen, command)
             self.judged.append(judgement)
-            self.arm.order("pace", judgement.share)
+            self.arm.order("pace", judgement.speed_scale)
             if judgement.action is Action.STOP:
                 self._stop(now_s)
                 return

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from bracket_cell.running.fault_checks import Detection
+from bracket_cell.running.fault_checks import FaultReport
 from bracket_cell.running.operator import KEPT, WAITING, OperatorChannel
 from bracket_cell.running.supervisor import Supervisor
 from bracket_ground.errors import InputError
@@ -119,7 +119,7 @@ def test_a_pause_holds_the_arm_and_clears_by_itself() -> None:
     supervisor = Supervisor((), {})
     paused = replace(seen, operator=replace(seen.operator, pause="now"))
     judgement = supervisor.judge(paused)
-    assert (judgement.action, judgement.share) == (Action.HOLD, 0.0)
+    assert (judgement.action, judgement.speed_scale) == (Action.HOLD, 0.0)
     assert judgement.words == "paused by the operator"
     assert supervisor.judge(seen).action is Action.RUN
     assert supervisor.judge(replace(seen, operator=replace(seen.operator, pause="after part"))).action is Action.RUN
@@ -137,11 +137,11 @@ def test_a_slower_speed_takes_from_what_separation_allows_and_never_adds() -> No
     slow = replace(Observation(0, 0.0, STANDING, EMPTY_GRIPPER), operator=made.take(0.0))
     near = Fault(signal="hand_near", action="slow", clear="itself")
 
-    def found(*_: object) -> Detection:
-        return Detection("near", 0.3)
+    def found(*_: object) -> FaultReport:
+        return FaultReport("near", 0.3)
 
-    assert Supervisor((), {}).judge(slow).share == 0.5
-    assert Supervisor((near,), {"hand_near": found}).judge(slow).share == 0.3
+    assert Supervisor((), {}).judge(slow).speed_scale == 0.5
+    assert Supervisor((near,), {"hand_near": found}).judge(slow).speed_scale == 0.3
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from bracket_cell.running.device_writer import DeviceActor, GripperHold
 from bracket_ground.interfaces.clock import ManualClock
 from bracket_ground.interfaces.command import Command, GripperCommand, JointTrajectory
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation
 from bracket_ground.interfaces.operator import OperatorOrder
 from btxml.engine.status import Status
@@ -109,7 +109,7 @@ def test_fingers_that_were_sent_off_again_after_a_hold_grip_nothing_so_far() -> 
     def tick(opening_m: float, *, moving: bool, held: bool) -> None:
         gripper.moving, gripper.opening_m = moving, opening_m
         arm = ArmState(0.0, PARKED, (0.0,) * 6, moving=False)
-        fingers.keep(Observation(0, 0.0, arm, gripper.state()), Judgement(Action.HOLD if held else Action.RUN))
+        fingers.keep(Observation(0, 0.0, arm, gripper.state()), SafetyDecision(Action.HOLD if held else Action.RUN))
 
     tick(0.027, moving=False, held=False)
     tick(0.020, moving=True, held=True)
@@ -225,6 +225,6 @@ def test_what_waits_for_a_person_is_an_alarm_on_the_panel_until_somebody_acknowl
 def test_an_arm_whose_safeguard_closed_is_brought_back_unasked_only_where_its_row_says_so(unasked: bool) -> None:
     rig, refused = Rig(), list[object]()
     actor = DeviceActor(rig.devices, rig.operator, lambda *what: refused.append(what))
-    actor.act(Command(), rig.controller.observe(), Judgement(Action.HOLD, 0.0, brings_back=unasked))
+    actor.act(Command(), rig.controller.observe(), SafetyDecision(Action.HOLD, 0.0, brings_back=unasked))
     assert ("acknowledge" in rig.arm.calls) == unasked
     assert not refused

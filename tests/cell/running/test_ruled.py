@@ -15,7 +15,7 @@ from bracket_cell.trees.rules import Rule
 from bracket_cell.wiring.ruled import RuledTree
 from bracket_ground.interfaces.clock import ManualClock
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import Action, Judgement, shipped_table
+from bracket_ground.interfaces.faults import Action, SafetyDecision, shipped_table
 from btxml.files.compile.registry import Registry
 from tests.cell.fakes import FakeServices, Rig
 from tests.integration.cell_rig import motion_planner
@@ -25,7 +25,7 @@ TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
 </Sequence></BehaviorTree></root>"""
 
 
-def judged(path: Path, action: str, ticks: int) -> list[Judgement]:
+def judged(path: Path, action: str, ticks: int) -> list[SafetyDecision]:
     """What the supervisor says of each tick, where `n` must never be 1."""
     path.write_text(TREE)
     rule = Rule(name="n stays 0", never="n == 1", action=action)  # type: ignore[arg-type]

@@ -169,7 +169,7 @@ def test_the_stop_keeps_arm_and_gripper_alive_and_is_recorded() -> None:
     assert len(stopping) == 9
     assert asked[-1] == pytest.approx(stopping[-1].observation.time_s)
     assert rig.arm.shares[-9:] == [0.0] * 9
-    assert all(record.judgement is not None and record.judgement.share == 0 for record in stopping)
+    assert all(record.judgement is not None and record.judgement.speed_scale == 0 for record in stopping)
 
 
 def test_the_summary_tells_what_the_gripper_holds() -> None:
@@ -232,7 +232,7 @@ def test_a_hold_makes_nobody_move_and_a_paused_node_goes_on() -> None:
 
     def act(tick: int) -> Status:
         seen: Observation = rig.services.now.observation
-        allowed.append(seen.share)
+        allowed.append(seen.speed_scale)
         if tick == 3:
             rig.arm.mode = "safeguard_stop"
         if tick == 10:

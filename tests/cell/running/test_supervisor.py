@@ -21,7 +21,7 @@ from bracket_cell.running.supervisor import OF_COMMANDS, Supervisor, make_superv
 from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.command import Command, JointTrajectory
-from bracket_ground.interfaces.faults import SIGNALS, Action, Fault, FaultTable, Judgement, weaker
+from bracket_ground.interfaces.faults import SIGNALS, Action, Fault, FaultTable, SafetyDecision, weaker
 from bracket_ground.interfaces.observation import ArmState, GripperState, ObjectStatus, Observation, Trouble
 from bracket_ground.interfaces.perception import Action as SeenAction
 from bracket_ground.interfaces.perception import BenchView, HandSample, PartsView
@@ -161,7 +161,7 @@ def test_each_sign_is_answered_as_the_table_says_and_only_then(signal: str) -> N
     acts = [signal in dict(judgement.reasons) for judgement in judged]
     assert acts == [False] * waits + [True]
     assert judged[-1].action >= fault.does
-    assert (judged[-1].share == 0) == (judged[-1].action >= Action.HOLD)
+    assert (judged[-1].speed_scale == 0) == (judged[-1].action >= Action.HOLD)
 
 
 @pytest.mark.parametrize("signal", sorted(SPOILS))
@@ -302,7 +302,7 @@ def test_where_the_table_only_warns_of_an_arm_off_its_path_an_acknowledgement_le
 AWAY = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.1] * 6, [0.9] * 6]))
 
 
-def acknowledged_off_path(supervisor: Supervisor, tick: int) -> tuple[int, Judgement]:
+def acknowledged_off_path(supervisor: Supervisor, tick: int) -> tuple[int, SafetyDecision]:
     """The arm is told to go away and stays; somebody acknowledges it as soon as that is asked for.
 
     Returns:
@@ -321,7 +321,7 @@ def acknowledged_off_path(supervisor: Supervisor, tick: int) -> tuple[int, Judge
 
 def test_an_arm_that_ignores_its_trajectories_whatever_is_acknowledged_ends_the_run() -> None:
     supervisor, tick = make_supervisor(TABLE, motion_planner()), 0
-    actions, judgement = [], Judgement()
+    actions, judgement = [], SafetyDecision()
     for _ in range(4):
         tick, judgement = acknowledged_off_path(supervisor, tick)
         actions.append(judgement.action)
@@ -393,10 +393,10 @@ def test_more_trouble_never_gives_less_reaction(history: list[tuple[set[str], se
     for tick, (some, others) in enumerate(history, start=2):
         few, many = judged(less, tick, some), judged(more, tick, some | others)
         assert many.action >= few.action
-        assert many.share <= few.share
+        assert many.speed_scale <= few.speed_scale
 
 
-def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> Judgement:
+def judged(supervisor: Supervisor, tick: int, signals: set[str]) -> SafetyDecision:
     """What it says to all these signs together; an arm has one mode, so the gravest is spoiled last."""
     seen = sound(tick)
     for signal in sorted(SPOILS, key=lambda name: row(name).does):
@@ -587,7 +587,7 @@ def path_out() -> JointTrajectory:
 def test_an_arm_that_a_near_hand_holds_may_only_go_away_and_slowly() -> None:
     supervisor, path = make_supervisor(TABLE, motion_planner()), path_out()
     held = supervisor.judge(near_hand(0))
-    assert (held.action, held.held_by, held.new_path) == (Action.HOLD, ("hand_too_near",), True)
+    assert (held.action, held.holding_faults, held.new_path) == (Action.HOLD, ("hand_too_near",), True)
     assert supervisor.judge_command(near_hand(0), Command(follow=path)).action is Action.HOLD
     leaves = supervisor.judge(near_hand(1, path_s=0.0))
     assert leaves.action is Action.SLOW
@@ -623,7 +623,7 @@ def test_whatever_else_holds_the_arm_holds_it_beside_a_near_hand_too(signal: str
     supervisor.judge(near_hand(0))
     supervisor.judge_command(near_hand(0), Command(follow=path))
     judgement = supervisor.judge(SPOILS[signal](near_hand(1, path_s=0.0)))
-    assert judgement.share == 0
+    assert judgement.speed_scale == 0
     assert not judgement.new_path
     command = Command(follow=path)
     withhold(command, near_hand(1), judgement)

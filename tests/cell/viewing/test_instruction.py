@@ -13,7 +13,7 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.instruction import NEAR_S, OperatorGuide
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
@@ -63,7 +63,7 @@ def test_a_leaf_of_ones_own_that_gives_way_is_told(tmp_path: Path, traits: str, 
                 SentCommand(),
                 0.001,
                 False,
-                judgement=Judgement(),
+                judgement=SafetyDecision(),
             )
         )
     assert instructor.next == ("o2", "p4")

@@ -122,13 +122,15 @@ def run(world: World, before: str, tmp_path: Path, limit_s: float) -> Status:
     while status is Status.RUNNING and world.time_s < limit_s:
         seen = world.observe()
         judgement = supervisor.judge(seen)
-        at.now.observation = seen = replace(seen, share=judgement.share, held_by=judgement.held_by)
+        at.now.observation = seen = replace(
+            seen, speed_scale=judgement.speed_scale, holding_faults=judgement.holding_faults
+        )
         at.now.command = Command()
         status = tree.tick()
         judgement = supervisor.judge_command(seen, at.now.command)
-        if judgement.share == 0:
+        if judgement.speed_scale == 0:
             withhold(at.now.command, seen, judgement)
-        world.act(at.now.command, judgement.share)
+        world.act(at.now.command, judgement.speed_scale)
     return status
 
 

@@ -203,8 +203,8 @@ class TickBuilder:
             acknowledged=fields.get("acknowledged", False),
             operator=_adapter(OperatorState).validate_python(fields.get("operator", NOBODY)),
             signals=fields.get("signals", {}),
-            share=fields.get("share", 1.0),
-            held_by=tuple(fields.get("held_by", ())),
+            speed_scale=fields.get("share", 1.0),
+            holding_faults=tuple(fields.get("held_by", ())),
             work_s=fields.get("work_s"),
         )
         inputs = tuple((kind, one) for kind, one in self._outside if one["tick"] <= number)

@@ -13,7 +13,7 @@ from bracket_cell.log.read.reader import Log, LoggedTick, Note
 from bracket_cell.recording.json_schema import without_nulls
 from bracket_cell.recording.schemas import asked_of_devices, judged, plain
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from btxml.engine.causes import RELATIONS, Cause
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
@@ -232,7 +232,7 @@ def decided(
     changes: Iterable[StatusChange],
     notes: Iterable[tuple[str, Any]],
     command: Command,
-    judgement: Judgement | None = None,
+    judgement: SafetyDecision | None = None,
     error: str = "",
 ) -> Decisions:
     """What a tick decided that has just been made, in the form in which a log has it."""

@@ -41,7 +41,7 @@ from bracket_cell.wiring.services import TickClock, make_services
 from bracket_cell.wiring.state_reader import StateError
 from bracket_ground.errors import InputError, LogError
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.notes import ListJournal
 from bracket_ground.interfaces.resume import ResumeState
 from btxml.engine.causes import Causes, collecting
@@ -231,21 +231,21 @@ class Replay:
             status, error, asked = "ERROR", f"{type(problem).__name__}: {problem}", command
         return decided(status, self.tree.status_changes, self._journal.take(), asked, judgement, error)
 
-    def _judged(self, tick: LoggedTick) -> Judgement:
+    def _judged(self, tick: LoggedTick) -> SafetyDecision:
         try:
             return self._supervisor.judge(tick.observation)
         except Exception as error:  # what a log says that is wrong may raise anything in checks of sound values
             what = f"tick {tick.number} at {tick.time_s:.2f} s cannot be judged: {type(error).__name__}: {error}"
             raise LogError(self.log.path, what) from None
 
-    def _stopping_tick(self, judgement: Judgement) -> Decisions:
+    def _stopping_tick(self, judgement: SafetyDecision) -> Decisions:
         """A tick of the safe stop: the supervisor goes on judging, and the tree is halted once."""
         changes: Sequence[StatusChange] = ()
         if not self._halted:
             self._halted = True
             failure(self.tree.halt)  # as in the safe stop: what nodes raise there ends nothing
             changes = self.tree.status_changes
-        stopped = Judgement(Action.STOP, 0.0, judgement.reasons)
+        stopped = SafetyDecision(Action.STOP, 0.0, judgement.reasons)
         return decided(STOPPING, changes, self._journal.take(), Command(), stopped)
 
     def _take(self, kind: str, fields: Mapping[str, Any], tick: LoggedTick) -> None:

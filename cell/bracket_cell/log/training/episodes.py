@@ -82,7 +82,7 @@ def _asked(log: Log, measured: Array) -> Array:
     for place, tick in enumerate(log.ticks):
         period_s = tick.time_s - log.ticks[place - 1].time_s if place else 0.0
         told_s = tick.observation.arm.path_s
-        path_s = path_s + period_s * tick.observation.share if told_s is None else told_s
+        path_s = path_s + period_s * tick.observation.speed_scale if told_s is None else told_s
         command = tick.command or {}
         follow = command.get("sent_follow") or (command.get("follow") if command.get("sent_as_asked") else None)
         if follow:

@@ -266,7 +266,7 @@ def _stopping(observation: Observation, command: Command) -> bool:
 
 def held(observation: Observation) -> bool:
     """Whether the supervisor lets nothing begin now."""
-    return observation.share == 0
+    return observation.speed_scale == 0
 
 
 def done(doing: str) -> Progress:

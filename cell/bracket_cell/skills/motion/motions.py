@@ -123,7 +123,7 @@ class WayOutOrFree(WayOut):
     """To joints by a free way; where a near hand holds the arm, by one that leads away from it, if there is one."""
 
     def plan(self, start_rad: Array) -> Plan | Looking:
-        if HAND_TOO_NEAR in self.seen.held_by and not isinstance(path := super().plan(start_rad), str):
+        if HAND_TOO_NEAR in self.seen.holding_faults and not isinstance(path := super().plan(start_rad), str):
             return path
         return FreeWay.plan(self, start_rad)
 

@@ -54,7 +54,7 @@ def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_ra
         if isinstance(path, str):
             continue
         found = separation_of(planner.separation, seen, (path, 0.0))
-        if found is not None and found.leaving > 0:
+        if found is not None and found.retreat_scale > 0:
             return path
     return reason
 

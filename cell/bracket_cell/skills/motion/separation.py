@@ -74,18 +74,18 @@ class Separation:
     Attributes:
         distance_m: now, of the link, gripper or held part that has the least room before it must stand; negative where
             they overlap, infinite from somebody whom the arm does not wait for.
-        share: largest share of the planned speed at which the arm is slow before a hand can arrive.
+        speed_scale: largest share of the planned speed at which the arm is slow before a hand can arrive.
         least_m: distance below which even a slow arm must stand.
         nearest: name of that link.
-        leaving: largest share at which an arm that is too near may go on, as its path leads away; 0 where it does not,
+        retreat_scale: largest share at which an arm too near may go on, as its path leads away; 0 where it does not,
             or where too little is known; 1 for an arm that is not too near.
     """
 
     distance_m: float
-    share: float
+    speed_scale: float
     least_m: float
     nearest: str = ""
-    leaving: float = 0.0
+    retreat_scale: float = 0.0
 
     @property
     def spare_m(self) -> float:
@@ -169,7 +169,7 @@ class SeparationMonitor:
                 leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
             found.append(Separation(room_m, 1.0, least_m, self.outline.names[link]))
         share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
-        return replace(min(found, key=lambda separation: separation.spare_m), share=share, leaving=leaving)
+        return replace(min(found, key=lambda separation: separation.spare_m), speed_scale=share, retreat_scale=leaving)
 
     def protective_m(self, hand_m_s: float, age_s: float, doubt_m: float = 0.0, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.

@@ -91,10 +91,10 @@ class GiveWay(SkillNode):
 
     def _waits(self, seen: Observation) -> bool:
         """Whether a near hand holds the arm, or rests beside an arm that stands."""
-        if HAND_TOO_NEAR in seen.held_by:
+        if HAND_TOO_NEAR in seen.holding_faults:
             return True
         hand = None if seen.bench is None else seen.bench.hand
-        if hand is None or seen.share == 0 or seen.arm.moving or not seen.arm.stands:
+        if hand is None or seen.speed_scale == 0 or seen.arm.moving or not seen.arm.stands:
             return False
         if math.dist(hand.palm_m, self._palm_m) > RESTS_M:
             self._palm_m, self._held_s = hand.palm_m, -math.inf  # from now on

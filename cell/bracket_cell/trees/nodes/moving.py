@@ -49,7 +49,7 @@ class ActivateGripper(CellNode):
             return Status.SUCCESS
         self.feedback_message = "the gripper opens and closes once"
         if self._asked_s is None:
-            if seen.share == 0:
+            if seen.speed_scale == 0:
                 return Status.RUNNING
             self._asked_s = seen.worked_s
             self.now.command.activate_gripper = True

@@ -115,7 +115,7 @@ class PageState:
             "tick": seen.tick,
             "status": record.status,
             "ended": self._ended,
-            "share": round(seen.share, 2),
+            "share": round(seen.speed_scale, 2),
             "instruction": {**asdict(told), "words": data_of(told.words)},
             "alarms": alarms,
             "held": held,

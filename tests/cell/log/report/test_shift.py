@@ -17,12 +17,12 @@ from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
 from bracket_cell.watching.observer import Outcome
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.operator import Question
 from tests.cell.log.report.outline import outline_of
 from tests.cell.running.test_brackets import BEGIN, END, NEXT, Note, record
 
-HELD = Judgement(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
+HELD = SafetyDecision(Action.HOLD, 0.0, (("hand_too_near", "the hand is too near"),))
 ASKED = Display(questions=(Question(1, "help", "there is no safety valve (o3) in the tray"),))
 SECOND_END: tuple[Note, ...] = (
     ("bracket", {"number": 2, "edge": "end", "finished": True, "placed": {}, "goal": "g1"}),

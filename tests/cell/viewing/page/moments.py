@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bracket_ground.files.words.message import Message
-from bracket_ground.interfaces.faults import HAND_TOO_NEAR, Judgement
+from bracket_ground.interfaces.faults import HAND_TOO_NEAR, SafetyDecision
 from bracket_ground.interfaces.faults import Action as Does
 from bracket_ground.interfaces.perception import Action, HandSample, PartDetection, PartsView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
@@ -17,9 +17,9 @@ from tests.trees.nodes.rig import PRODUCT
 GOALS = {"g0": 0.33, "g1": 0.33, "g2": 0.32, UNKNOWN_GOAL: 0.02}
 TWO = {"g0": 0.52, "g2": 0.46, "g1": 0.01, UNKNOWN_GOAL: 0.01}
 SURE = {"g0": 0.97, "g2": 0.02, "g1": 0.01, UNKNOWN_GOAL: 0.0}
-PUSHED = Judgement(Does.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
+PUSHED = SafetyDecision(Does.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
 WAITING = Message("waiting until you {act}", act="place a part")
-NEAR = Judgement(Does.HOLD, 0.0, ((HAND_TOO_NEAR, "the hand is too near"),), (HAND_TOO_NEAR,))
+NEAR = SafetyDecision(Does.HOLD, 0.0, ((HAND_TOO_NEAR, "the hand is too near"),), (HAND_TOO_NEAR,))
 
 
 def _goal(rig: PageRig, placed: dict[str, str], belief: dict[str, float], goal: str | None) -> None:

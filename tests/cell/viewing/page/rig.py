@@ -29,7 +29,7 @@ from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.page import OperatorPage
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command, Display
-from bracket_ground.interfaces.faults import Judgement
+from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.notes import Topic
 from bracket_ground.interfaces.observation import ArmState, Image, ObjectStatus, Observation
@@ -135,7 +135,7 @@ class PageRig:
         self._running: dict[str, int] = {}
         self._changes: list[StatusChange] = []
         self.display = Display(GUIDANCE, goal_belief=BELIEF, message="moving to look")
-        self.judgement, self.asks = Judgement(), False
+        self.judgement, self.asks = SafetyDecision(), False
         self.arm, self.gripper = STANDING, EMPTY_GRIPPER
         self.parts: PartsView | None = None
         hand = HandSample(0.0, (200, 120, 290, 230), (0.7, 0.1), (0.8, 0.1), "o1")

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from bracket_cell.viewing.gate import Address
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.operator import OperatorOrder, Question
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 from tests.cell.viewing.page.moments import brought_to
@@ -33,7 +33,7 @@ FINGER_PX = 44.0
 ARC_MIN, FAR_MM, CAPITALS, PITCH_MM = 20.0, 2000.0, 0.72, 531.3 / 1920  # of a 24-inch screen with 1920 pixels
 CONTRAST = 4.5
 SHOTS = os.environ.get("CELL_SCREENSHOTS")  # a folder for pictures of the page
-HELD = Judgement(Action.HOLD, 0.0, (("camera_unhealthy", "the overhead image is dark"),))
+HELD = SafetyDecision(Action.HOLD, 0.0, (("camera_unhealthy", "the overhead image is dark"),))
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # the driver's sockets end with its process
 
@@ -150,7 +150,7 @@ def test_what_waits_for_a_person_is_acknowledged_and_then_goes_on_by_a_second_or
     visitor.page.keyboard.press("k")
     visitor.says(OperatorOrder("acknowledge"))
     visitor.rig.tick()
-    visitor.rig.judgement, visitor.rig.asks = Judgement(), False
+    visitor.rig.judgement, visitor.rig.asks = SafetyDecision(), False
     visitor.catch_up()
     visitor.page.click("#resume")
     visitor.says(OperatorOrder("resume"))
@@ -249,7 +249,7 @@ def test_questions_stand_in_front_and_are_answered(visitor: Visitor) -> None:
     visitor.page.keyboard.press("2")
     visitor.says(OperatorOrder("answer", "placed", 1))
     visitor.rig.show(questions=())
-    visitor.rig.judgement = Judgement()
+    visitor.rig.judgement = SafetyDecision()
     visitor.catch_up()
     assert visitor.page.query_selector_all("#front > *, #alarms > *") == []
     assert visitor.page.inner_text("#words") != HELP.todo

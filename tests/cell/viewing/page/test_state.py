@@ -13,13 +13,13 @@ from bracket_cell.trees.node_library import node_registry
 from bracket_cell.viewing.page.state import PageState
 from bracket_cell.watching.observer import SentCommand, TickRecord
 from bracket_ground.interfaces.command import Command
-from bracket_ground.interfaces.faults import Action, Judgement
+from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.observation import Observation
 from tests import ROOT
 from tests.cell.viewing.page.rig import MODEL
 from tests.trees.nodes.rig import EMPTY_GRIPPER, PRODUCT, STANDING
 
-HELD = Judgement(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
+HELD = SafetyDecision(Action.HOLD, 0.0, (("arm_off_path", "a joint is 0.030 rad off its path"),), ("arm_off_path",))
 
 
 def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_then() -> None:
@@ -33,7 +33,7 @@ def test_an_alarm_says_when_it_waits_for_somebody_to_acknowledge_it_and_until_th
             (HELD, True, False),
             (HELD, False, True),
             (HELD, True, False),  # it was off its path again for long
-            (Judgement(), False, False),
+            (SafetyDecision(), False, False),
             (HELD, False, False),
         )
     ):

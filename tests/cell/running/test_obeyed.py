@@ -19,6 +19,7 @@ from bracket_ground.interfaces.observation import ArmState, GripperState, Object
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import Action as SeenAction
 from bracket_ground.interfaces.perception import BenchView
+from bracket_ground.interfaces.pose import Array
 from bracket_sim.faults.signal_faults import ANY, Kind, SignalFault
 from tests.cell.fakes import arm_monitor
 from tests.cell.path_arm import PathArm
@@ -188,6 +189,24 @@ def told_by_a_standing_arm(ticks: int, path: JointTrajectory | None, moving: boo
         if monitor.implausible:
             return monitor.implausible
     return ""
+
+
+@pytest.mark.parametrize(
+    ("after_s", "runs_away"), [((0.071, 0.057, 0.037), False), ((0.071, 0.111, 0.151), True), ((0.1, 0.1, 0.1), True)]
+)
+def test_an_arm_that_swings_where_its_path_begins_is_no_runaway(after_s: tuple[float, ...], runs_away: bool) -> None:
+    """Near rest a thousandth of a radian is much time of a path: a servo's swing there is no way on."""
+    times_s: Array = np.linspace(0.0, 1.0, 101)
+    path = JointTrajectory(times_s, np.outer(1.6 / 2 * times_s**2, np.eye(6)[0]).astype(np.float64))
+    monitor, before_rad, said = arm_monitor(), 0.0, []
+    for tick, place_s in enumerate([None, 0.008, 0.026, 0.047, *after_s]):
+        rad, now_s = float(path.at(place_s or 0.0)[0]), tick * TICK_S
+        speeds = ((rad - before_rad) / TICK_S, *(0.0,) * 5)
+        state = ArmState(now_s, (rad, *(0.0,) * 5), speeds, place_s is not None, path_s=place_s)
+        monitor.see(now_s, state, 1.0 if tick < 2 else 0.0, path if tick else None)
+        before_rad = rad
+        said.append(monitor.disobeys)
+    assert any(said) is runs_away
 
 
 def test_a_standing_arm_that_shakes_because_it_is_rammed_is_no_liar() -> None:

@@ -32,6 +32,7 @@ class ArmLimits:
         brakes_at_least: share of the braking that is played through.
         speed_tolerance: share by which the way along the path may grow too fast.
         way_tolerance_s: [s] of the way along the path: a clock's jitter.
+        way_tolerance_rad: [rad] of a joint along it: a servo's swing where it is held (.002 of a simulated UR10).
         settles_s: [s] in which a standing arm comes to rest.
         stays_rad: [rad] that a standing arm moves by a push.
         repeats_s: [s] in which a moving arm reports something new.
@@ -53,6 +54,7 @@ class ArmLimits:
     brakes_at_least: float = 0.8
     speed_tolerance: float = 1.03
     way_tolerance_s: float = 0.02
+    way_tolerance_rad: float = 0.003
     settles_s: float = 0.12
     stays_rad: float = 0.08
     repeats_s: float = 0.1
@@ -220,11 +222,18 @@ class ArmMonitor:
             grew_s = arm.path_s - self._path_s
             self._excess_s = max(0.0, self._excess_s + grew_s - ARM.speed_tolerance * self._allowed_s)
         self._path_s, self._allowed_s = arm.path_s, 0.0
-        if self._excess_s > ARM.way_tolerance_s:
+        if self._excess_s > ARM.way_tolerance_s and self._excess_rad(arm.path_s) > ARM.way_tolerance_rad:
             return Message(
                 "the arm is {excess_s} s farther along its path than it may be", excess_s=f"{self._excess_s:.2f}"
             )
         return self._too_far(arm)
+
+    def _excess_rad(self, path_s: float) -> float:
+        """By how much a joint is farther than it may be; near rest that is little for much time of the path."""
+        if self._path is None:
+            return math.inf
+        may, is_at = self._path.along(np.array([path_s - self._excess_s, path_s]))
+        return float(np.abs(is_at - may).max())
 
     def _too_far(self, arm: ArmState) -> str:
         """The tool went farther than a stop may take."""

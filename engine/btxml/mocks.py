@@ -122,7 +122,7 @@ def read_mocks(file: Path, registry: Registry) -> Mocks:
     if not all(isinstance(part, dict) for part in parts) or set(told) - {*sections}:
         raise TreeFileError(f"{file}: holds an object with {' and '.join(sections)}, which are objects, too")
     problems: list[str] = []
-    configured = {name: _configured(one, f"{file}: {name}", registry.enums, problems) for name, one in parts[0].items()}
+    configured = {name: _configured(how, f"{file}: {name}", registry.enums, problems) for name, how in parts[0].items()}
     rules = parts[1]
     legal = {*configured, *(tag for tag, node in registry.classes.items() if is_leaf(node))}
     for pattern, wanted in rules.items():

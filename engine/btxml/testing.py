@@ -114,7 +114,7 @@ class TreeBench:
         """
         meant = [uid for uid, names in self._leaves.items() if name in names]
         if not meant:
-            known = {one for names in self._leaves.values() for one in names}
+            known = {leaf for names in self._leaves.values() for leaf in names}
             raise ValueError(f"the tree has no '{name}'; {hint(name, known)}")
         return sum(self._starts[uid] for uid in meant)
 

@@ -135,9 +135,9 @@ class SimCell:
         self.other_hands: list[Worker] = []
         for number, other in enumerate(person.other_hands if worker else (), 1):
             moves, does = chance.other_hands.spawn(2)
-            one = Worker(self.world, product, bench, person, wanted, moves, does, None, number, hands)
-            one.away = not other.acts
-            self.other_hands.append(one)
+            hand = Worker(self.world, product, bench, person, wanted, moves, does, None, number, hands)
+            hand.away = not other.acts
+            self.other_hands.append(hand)
         self.world.settle()
         self._resting = [resting_event(resting_part) for resting_part in resting_parts(self.world)]
         self.arm = SimArm(self.world, trailing_s=settings.hardware.trailing_s)

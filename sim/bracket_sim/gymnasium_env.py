@@ -170,10 +170,10 @@ class CellTask(gymnasium.Env[dict[str, Array], Array]):
             self._configuration, self._product, drawn, rendered=images, worker=person, watched=images or person
         )
         rest: list[Any] = [event.fields for event in cell.devices.truth() if event.kind == "resting"]
-        there = [one for one in rest if kind in (None, one["part"]) and not one["on"]]
+        there = [part for part in rest if kind in (None, part["part"]) and not part["on"]]
         if not there:
             raise ValueError(
-                f"no part {kind!r} stands in this tray; there: {sorted({str(one['part']) for one in rest})}"
+                f"no part {kind!r} stands in this tray; there: {sorted({str(part['part']) for part in rest})}"
             )
         chosen = there[int(self.np_random.integers(len(there)))]
         self._body = next(body for body in cell.world.bodies if body.name == chosen["name"])

@@ -85,8 +85,8 @@ def part(
     load_yaml(product, Product)
     sys.stdout.writelines(
         f"{'*' if number == stance else ' '} {number}  {line}\n"
-        for number, one in enumerate(found, start=1)
-        for line in ["; ".join(described(one))]
+        for number, pose in enumerate(found, start=1)
+        for line in ["; ".join(described(pose))]
     )
     sys.stdout.write(
         f"{len(pieces)} convex pieces; {product}: {name} added, {png_file} shows the stances\n"

@@ -93,9 +93,9 @@ class _Growing:
         self._copied_s, self._sent, self._troubled = time.monotonic(), dict[str, int](), False
         with _told(place):
             system, path = _system(place)
-            for one in names:
-                if system.exists(f"{path}/{one}"):
-                    system.get_file(f"{path}/{one}", str(folder / one))
+            for file_name in names:
+                if system.exists(f"{path}/{file_name}"):
+                    system.get_file(f"{path}/{file_name}", str(folder / file_name))
             there = system.find(f"{path}/{SHARDS}") if system.exists(f"{path}/{SHARDS}") else []
             self._shards = sorted(shard for shard in there if shard.endswith(".jsonl"))
             for shard in self._shards:

@@ -131,7 +131,7 @@ def detectors_for(perception: Perception, product: Product) -> tuple[Perception,
         for use, words in wanted.items():
             if known.get(use, words) != words:
                 told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
-                others = [one for one in DETECTORS if one != "hands" and getattr(perception, one) is None]
+                others = [other for other in DETECTORS if other != "hands" and getattr(perception, other) is None]
                 what = f"classical (colours, outlines): {', '.join(others)}: {told}; `cell train --all` trains others"
                 hands = perception.chosen("hands")
                 return perception.model_copy(update={"kind": "classical", "hands": hands}), what

@@ -82,7 +82,7 @@ def fits(value: Any, hint: Any) -> bool:
     if hint is Any or hint is object:
         return True
     if origin in (Union, UnionType):
-        return any(fits(value, one) for one in inner)
+        return any(fits(value, alternative) for alternative in inner)
     if origin is Literal:
         return isinstance(value, str | int | NoneType) and value in inner
     kind = origin or (NoneType if hint is None else hint)

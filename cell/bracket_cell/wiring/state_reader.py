@@ -110,7 +110,7 @@ class StateReader:
         if (pairs := written.get("dict", written.get("frozen"))) is not None:
             before: Mapping[Any, Any] = was if isinstance(was, Mapping) else {}
             made: dict[Any, Any] = defaultdict(was.default_factory) if isinstance(was, defaultdict) else {}
-            made.update({(key := self(one)): self(value, before.get(key, MISSING)) for one, value in pairs})
+            made.update({(key := self(raw)): self(value, before.get(key, MISSING)) for raw, value in pairs})
             return MappingProxyType(made) if "frozen" in written else made
         if "array" in written:
             kind, shape, data = written["array"]

@@ -160,7 +160,7 @@ def _numbers(sign: str, left: Any, right: Any) -> tuple[Any, Any]:
     Raises:
         NodeError: none of them is of such an enum, so the operator does not take them.
     """
-    if not any(isinstance(one, Enum) and isinstance(one.value, int) for one in (left, right)):
+    if not any(isinstance(operand, Enum) and isinstance(operand.value, int) for operand in (left, right)):
         raise _not_taken(sign, left, right)
     return _number(left), _number(right)
 

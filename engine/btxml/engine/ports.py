@@ -63,7 +63,7 @@ class Port:
             return "some text" if self.least else ""
         least = "" if self.least is None else f"at least {self.least:g}"
         most = "" if self.most is None else f"at most {self.most:g}"
-        return ", or ".join([", ".join(filter(None, (least, most))), *(f"{one:g}" for one in self.also)])
+        return ", or ".join([", ".join(filter(None, (least, most))), *(f"{value:g}" for value in self.also)])
 
     def outside(self, value: object) -> str:
         """What would be legal, where a value is not; empty where it is."""

@@ -41,8 +41,8 @@ class PyTreesLeaf(Outside):
     def prepare(self) -> None:
         if self.runtime.answers is None:
             self._behaviour = self.make()
-            for one in self._behaviour.iterate():
-                one.setup()
+            for below in self._behaviour.iterate():
+                below.setup()
 
     def question(self) -> Any:
         return self.tag or type(self).__name__

@@ -66,10 +66,10 @@ def _has(text: str, wrong: re.Match[str], word: str) -> bool:
 def _ends(text: str, start: int) -> tuple[int, int] | None:
     """Where the closing tag of the element at `start` begins, and where it ends; twice its end where it has none."""
     depth, name = 0, text[start + 1 :].partition(">")[0].split()[0].rstrip("/")
-    for one in re.finditer(rf"<(/?){re.escape(name)}(?=[\s/>])[^>]*?(/?)>", text[start:]):
-        depth += 0 if one[2] else -1 if one[1] else 1
+    for found in re.finditer(rf"<(/?){re.escape(name)}(?=[\s/>])[^>]*?(/?)>", text[start:]):
+        depth += 0 if found[2] else -1 if found[1] else 1
         if depth == 0:
-            return start + (one.start() if one[1] else one.end()), start + one.end()
+            return start + (found.start() if found[1] else found.end()), start + found.end()
     return None
 
 

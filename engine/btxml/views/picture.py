@@ -91,7 +91,7 @@ def picture(path: Path, registry: Registry, beside: Iterable[Path] = ()) -> str:
         return _named(title, element.get("name"), "  ".join(connections(element)), node.node_type)
 
     names = reading_order(library, unused=not library.main)
-    trees = {name: _boxes(library.trees[name].children[0], box, lambda one: one.children) for name in names}
+    trees = {name: _boxes(library.trees[name].children[0], box, lambda element: element.children) for name in names}
     return _drawn(trees)
 
 
@@ -177,17 +177,17 @@ def _boxes(root: Source, box: Callable[[Source], _Box], below: Callable[[Source]
     while waiting:
         source, parent = waiting.pop()
         boxes.append(parent)
-        inner = [(one, box(one)) for one in below(source)]
+        inner = [(child, box(child)) for child in below(source)]
         for _, child in inner:
             child.level = parent.level + 1
             parent.children.append(child)
         waiting += reversed(inner)
-    leaves = [one for one in boxes if not one.children]
+    leaves = [leaf for leaf in boxes if not leaf.children]
     for row, leaf in enumerate(leaves):
         leaf.row = row
-    for one in reversed(boxes):
-        if one.children:
-            one.row = (one.children[0].row + one.children[-1].row) / 2
+    for placed in reversed(boxes):
+        if placed.children:
+            placed.row = (placed.children[0].row + placed.children[-1].row) / 2
     return boxes
 
 

@@ -226,7 +226,7 @@ def related(path: Path, folder: Path | None, texts: Mapping[Path, str]) -> dict[
     """
     files = {path, *texts, *([] if folder is None else sorted(folder.rglob("*.xml"))[:FILES_MOST])}
     roots: dict[Path, Element] = {}
-    for file in {one.resolve() for one in files}:
+    for file in {path.resolve() for path in files}:
         try:
             roots[file] = read_xml(file, texts.get(file))[1]
         except TreeFileError:
@@ -281,14 +281,14 @@ def _heading(element: Element, end: Place | None) -> Heading:
     made: dict[int, Heading] = {}
     waiting = [(element, end, False)]
     while waiting:
-        one, after, below_done = waiting.pop()
+        node, after, below_done = waiting.pop()
         if below_done:
-            title = one.get("ID") or "" if one.tag == "BehaviorTree" else label(one)
-            made[id(one)] = Heading(one, title, after, [made[id(child)] for child in one.children])
+            title = node.get("ID") or "" if node.tag == "BehaviorTree" else label(node)
+            made[id(node)] = Heading(node, title, after, [made[id(child)] for child in node.children])
             continue
-        ends = [*(child.place for child in one.children[1:]), after]
-        waiting.append((one, after, True))
-        waiting += [(child, then, False) for child, then in zip(one.children, ends, strict=False)]
+        ends = [*(child.place for child in node.children[1:]), after]
+        waiting.append((node, after, True))
+        waiting += [(child, then, False) for child, then in zip(node.children, ends, strict=False)]
     return made[id(element)]
 
 

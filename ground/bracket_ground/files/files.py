@@ -35,7 +35,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     try:
         yield partial
-        for each in sorted(partial.iterdir(), key=lambda one: one.name == MANIFEST):
+        for each in sorted(partial.iterdir(), key=lambda file: file.name == MANIFEST):
             each.rename(path / each.name)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -49,7 +49,7 @@ def require_free(path: Path) -> None:
     Raises:
         InputError: something is there already that this program did not leave unfinished.
     """
-    if path.exists() and (not path.is_dir() or any(one.name != UNFINISHED for one in path.iterdir())):
+    if path.exists() and (not path.is_dir() or any(entry.name != UNFINISHED for entry in path.iterdir())):
         raise InputError(f"{path}: is not an empty folder; remove it, or choose another --out")
 
 
@@ -141,8 +141,8 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
                 begun.append(path)
                 file.write(content)
     except OSError as error:
-        for one in reversed(begun):
-            one.rmdir() if one.is_dir() else one.unlink()
+        for made in reversed(begun):
+            made.rmdir() if made.is_dir() else made.unlink()
         raise InputError(Problem(Place(path), f"cannot be written: {error.strerror or error}")) from None
 
 

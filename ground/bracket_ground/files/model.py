@@ -41,7 +41,7 @@ class Model(BaseModel):
     @classmethod
     def meanings(cls) -> dict[str, str]:
         """What the docstring says about each field: the one place that references and schemas are made from."""
-        bases = (one for one in cls.__bases__ if issubclass(one, Model) and one is not Model)
+        bases = (base for base in cls.__bases__ if issubclass(base, Model) and base is not Model)
         return {name: words for base in bases for name, words in base.meanings().items()} | attributes(cls)
 
     @classmethod

@@ -145,7 +145,7 @@ def _plain(value: Any) -> Any:
 def _limits(pairs: list[tuple[_Bracket, str]]) -> Counter[str]:
     """Quantities of a combination; none where one of its goals has none."""
     each = [{} if goal == EMPTY else bracket.file.get("goal_quantities", {}).get(goal) for bracket, goal in pairs]
-    return Counter() if None in each else sum((Counter(one) for one in each), Counter())
+    return Counter() if None in each else sum((Counter(quantities) for quantities in each), Counter())
 
 
 def _holes(file: File) -> dict[str, Any]:

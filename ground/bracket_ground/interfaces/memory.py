@@ -77,7 +77,7 @@ class Memory:
 
     def values(self) -> dict[str, object]:
         """All fields by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     @property
     def standing(self) -> tuple[PartDetection, ...]:

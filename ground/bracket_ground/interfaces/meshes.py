@@ -75,7 +75,7 @@ class Mesh:
             if np.array_equal(after, group):
                 break
             group = after
-        shells = (self.triangles[group[self.triangles[:, 0]] == one] for one in np.unique(group[self.triangles]))
+        shells = (self.triangles[group[self.triangles[:, 0]] == shell] for shell in np.unique(group[self.triangles]))
         return tuple(_tidy(self.points_m, shell) for shell in shells)
 
     @cached_property

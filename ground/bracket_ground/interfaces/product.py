@@ -293,7 +293,7 @@ class Product(Model):
     def varies(self) -> bool:
         """Whether goals differ in more than the arrangement of the same parts over all slots."""
         counts = {frozenset(Counter(choices).items()) for choices in self.goals.values()}
-        return len(counts) > 1 or any(len(types_of(one)) != 1 for one in next(iter(self.goals.values())))
+        return len(counts) > 1 or any(len(types_of(part)) != 1 for part in next(iter(self.goals.values())))
 
     @cached_property
     def most(self) -> Counter[str]:
@@ -334,11 +334,11 @@ class Product(Model):
         look = sorted(self.predecessors[step], reverse=True)
         seen = set(look)
         while look:
-            one = look.pop()
-            if steps is None or one in steps:
-                found += [one] if one not in done else []
+            earlier = look.pop()
+            if steps is None or earlier in steps:
+                found += [earlier] if earlier not in done else []
                 continue
-            fresh = sorted(self.predecessors[one] - seen, reverse=True)
+            fresh = sorted(self.predecessors[earlier] - seen, reverse=True)
             seen |= set(fresh)
             look += fresh
         return found
@@ -455,8 +455,11 @@ class Product(Model):
     def _overlapping(self) -> list[tuple[Location, str]]:
         """Holes that run into each other."""
         return [
-            (("bracket", "holes_m", other), f"{other} runs into {one}: between their middles are {1e3 * away_m:.0f} mm")
-            for (one, at), (other, there) in combinations(self.through.items(), 2)
+            (
+                ("bracket", "holes_m", other),
+                f"{other} runs into {slot}: between their middles are {1e3 * away_m:.0f} mm",
+            )
+            for (slot, at), (other, there) in combinations(self.through.items(), 2)
             if (away_m := dist(at, there)) < 2 * self.hole_radius_m
         ]
 
@@ -479,14 +482,14 @@ class Product(Model):
             if name in self.positions
         ]
         named: list[tuple[Location, str]] = [(("accepts", slot), slot) for slot in self.accepts]
-        named += [(("carried_by", slot), one) for slot, below in self.carried_by.items() for one in (slot, below)]
+        named += [(("carried_by", slot), name) for slot, below in self.carried_by.items() for name in (slot, below)]
         named += [
             (("fastenings", name, "at"), slot) for name, fastening in self.fastenings.items() for slot in fastening.at
         ]
         slots, listed = ", ".join(self.positions), ", ".join(sorted(steps))
         problems += [(at, f"no slot {slot}; slots: {slots}") for at, slot in named if slot not in self.positions]
         for number, pair in enumerate(self.before):
-            problems += [(("before", number), f"no step {one}; steps: {listed}") for one in pair if one not in steps]
+            problems += [(("before", number), f"no step {step}; steps: {listed}") for step in pair if step not in steps]
         if not problems:
             try:
                 in_order(sorted(steps), self.predecessors)

@@ -52,7 +52,7 @@ class ResumeState:
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> ResumeState:
         """From a log; older ones have the fields of the graph among the others."""
-        names = {one.name for one in fields(cls)}
+        names = {entry.name for entry in fields(cls)}
         graph = plain.get("graph") or {name: value for name, value in plain.items() if name not in names}
         others = {name: value for name, value in plain.items() if name in names}
         finished = tuple(tuple(parts) for parts in plain["finished"])

@@ -409,7 +409,7 @@ def _limits_rad(urdf_text: str, range_rad: tuple[Range, ...] | None) -> Array:
     own = np.array([_of_limits(urdf_text, side) for side in ("lower", "upper")])
     if range_rad is None:
         return own
-    asked = np.array([one if isinstance(one, tuple) else (-one, one) for one in range_rad]).T
+    asked = np.array([span if isinstance(span, tuple) else (-span, span) for span in range_rad]).T
     return np.array([np.maximum(own[0], asked[0]), np.minimum(own[1], asked[1])])
 
 

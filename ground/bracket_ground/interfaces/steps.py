@@ -34,7 +34,7 @@ def in_order(steps: Iterable[str], before: Mapping[str, Collection[str]]) -> lis
         ValueError: some precede each other.
     """
     names = list(steps)
-    sorter = TopologicalSorter({name: [one for one in before.get(name, ()) if one in names] for name in names})
+    sorter = TopologicalSorter({name: [needed for needed in before.get(name, ()) if needed in names] for name in names})
     try:
         sorter.prepare()
     except CycleError as error:

@@ -109,7 +109,7 @@ def solid_links(root: ElementTree.Element, found: Callable[[str], Path | None]) 
             missing.setdefault(link.get("name", ""), []).append(mesh.get("filename", ""))
             link.remove(shape)
     for name, meshes in missing.items():
-        link = next(one for one in root.findall("link") if one.get("name") == name)
+        link = next(tag for tag in root.findall("link") if tag.get("name") == name)
         link.extend(_thick_lines(root, name))
         remarks.append(f"{name}: there is no mesh {', '.join(meshes)}; a line {2e3 * LINE_M:g} mm thick stands for it")
     return remarks, tuple(missing)
@@ -159,11 +159,11 @@ def likely_flange(root: ElementTree.Element) -> str:
         child = _end(joint, "child")
         if child in above:
             return 0
-        more = max((deep(one, above | {child}) for one in carried.get(child, ())), default=0)
+        more = max((deep(below, above | {child}) for below in carried.get(child, ())), default=0)
         return more + (joint.get("type") != "fixed")
 
     children = {_end(joint, "child") for joint in root.findall("joint")}
-    link = next((name for one in root.findall("link") if (name := one.get("name", "")) not in children), "")
+    link = next((name for tag in root.findall("link") if (name := tag.get("name", "")) not in children), "")
     seen, moved = {link}, 0
     while ways := [joint for joint in carried.get(link, ()) if _end(joint, "child") not in seen]:
         moving = [deep(joint) for joint in ways]

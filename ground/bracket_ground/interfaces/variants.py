@@ -41,7 +41,7 @@ def arrangements(choices: Sequence[Choice], quantities: Mapping[str, int], most:
     """Up to `most` arrangements of a goal within its quantities: a part type or EMPTY for each slot."""
     every: Iterator[tuple[str, ...]] = product(*(types_of(choice) or (EMPTY,) for choice in choices))
     if quantities:
-        every = (one for one in every if all(Counter(one)[part] <= count for part, count in quantities.items()))
+        every = (row for row in every if all(Counter(row)[part] <= count for part, count in quantities.items()))
     return list(islice(every, most))
 
 
@@ -54,7 +54,7 @@ def completed(accepted: Accepted, quantities: Mapping[str, int], placed: Mapping
     """
     fixed: dict[str, str] = {}
     for slot, part in placed.items():
-        within = sum(one == part for one in fixed.values()) < quantities.get(part, len(accepted))
+        within = sum(kept == part for kept in fixed.values()) < quantities.get(part, len(accepted))
         if part in accepted.get(slot, ()) and within:
             fixed[slot] = part
     found = _assigned(accepted, quantities, fixed)
@@ -81,7 +81,7 @@ def places(
             if part in types and slot not in first
             if (completed(accepted, quantities, {**placed, slot: part}) or {}).get(slot) == part
         ]
-        left = min(there, quantities.get(part, there)) - sum(one == part for one in placed.values())
+        left = min(there, quantities.get(part, there)) - sum(placed_part == part for placed_part in placed.values())
         found[part] = (*first, *others)[: max(left, len(first))]
     return found
 
@@ -95,7 +95,7 @@ def _assigned(accepted: Accepted, quantities: Mapping[str, int], fixed: Mapping[
             if part in tried:
                 continue
             tried.add(part)
-            holders = [other for other, one in taken.items() if one == part]
+            holders = [other for other, holder in taken.items() if holder == part]
             if len(holders) < quantities.get(part, len(accepted)):
                 taken[slot] = part
                 return True
@@ -156,7 +156,7 @@ def can_be_expanded(file: dict[str, Any]) -> bool:
     except ValidationError:
         return False
     named = [part.get("made_of", ()) for part in file["parts"].values()]
-    plain = all(isinstance(one, list | tuple) and all(isinstance(part, str) for part in one) for one in named)
+    plain = all(isinstance(parts, list | tuple) and all(isinstance(part, str) for part in parts) for parts in named)
     return plain and all(isinstance(part.get("quantity", 1), int) for part in file["parts"].values())
 
 
@@ -182,7 +182,7 @@ def with_quantities(file: dict[str, Any]) -> dict[str, Any]:
     most: Counter[str] = Counter()
     for name, goal in file["goals"].items():
         limits = file.get("goal_quantities", {}).get(name, {})
-        taken = Counter(part for one in goal for part in types_of(one if isinstance(one, str) else tuple(one)))
+        taken = Counter(part for parts in goal for part in types_of(parts if isinstance(parts, str) else tuple(parts)))
         most |= Counter({part: min(n, limits.get(part, n)) for part, n in taken.items()})
     for part, count in parts_of_wholes(file["parts"], Counter(most)):
         most[part] += count

@@ -28,12 +28,14 @@ def with_wholes(file: dict[str, Any], read: type[PartType], context: Any) -> dic
     found = {}
     for name, part in parts.items():
         names = part.get(MADE_OF) if isinstance(part, dict) and "size_m" not in part else None
-        entries = [parts.get(one) for one in names if isinstance(one, str)] if isinstance(names, list | tuple) else []
+        entries = (
+            [parts.get(below) for below in names if isinstance(below, str)] if isinstance(names, list | tuple) else []
+        )
         plain = [entry for entry in entries if isinstance(entry, dict) and not entry.get(MADE_OF)]
         if not plain:
             continue
         try:
-            found[name] = {**_stacked([read.model_validate(one, context=context) for one in plain]), **part}
+            found[name] = {**_stacked([read.model_validate(entry, context=context) for entry in plain]), **part}
         except ValidationError:  # the entry of the part says what is wrong
             continue
     return {**file, "parts": {**parts, **found}}
@@ -61,22 +63,22 @@ def unfit_wholes(product: Product) -> Iterator[tuple[Location, str]]:
     """Sub-assemblies that cannot be built, and where the file says so."""
     for name, kind in product.parts.items():
         at: Location = ("parts", name, MADE_OF)
-        plain = ", ".join(one for one, other in product.parts.items() if not other.made_of)
+        plain = ", ".join(part for part, other in product.parts.items() if not other.made_of)
         if not kind.made_of:
             if kind.built_at:
                 yield ("parts", name, "built_at"), "it is built at a place, but made_of does not say of which parts"
             continue
         if len(kind.made_of) < 2:
             yield at, "a sub-assembly is made of two parts or more, from the bottom up"
-        if (twin := next(one for one, other in product.wholes.items() if other.made_of == kind.made_of)) != name:
+        if (twin := next(whole for whole, other in product.wholes.items() if other.made_of == kind.made_of)) != name:
             yield at, f"is that of {twin}, too: nobody could tell which of them was built"
         if not kind.built_at:
             yield ("parts", name), f"built_at is missing: the place of the bench where {name} is built"
-        for one in dict.fromkeys(kind.made_of):
-            if one not in product.parts or product.parts[one].made_of:
-                yield at, f"{one!r} is no single part; legal: {plain}"
-            elif product.most[one]:
-                yield at, f"a goal takes {one} by itself, too; give the part of the sub-assembly a type of its own"
+        for part in dict.fromkeys(kind.made_of):
+            if part not in product.parts or product.parts[part].made_of:
+                yield at, f"{part!r} is no single part; legal: {plain}"
+            elif product.most[part]:
+                yield at, f"a goal takes {part} by itself, too; give the part of the sub-assembly a type of its own"
 
 
 def parts_of_wholes(parts: Mapping[str, Mapping[str, Any]], most: Mapping[str, int]) -> Iterator[tuple[str, int]]:
@@ -86,5 +88,5 @@ def parts_of_wholes(parts: Mapping[str, Mapping[str, Any]], most: Mapping[str, i
         most: of each type, how many the goals take; a `quantity` of the file counts more.
     """
     for name, part in parts.items():
-        for one in part.get(MADE_OF, ()):
-            yield one, part.get("quantity", most.get(name, 0))
+        for piece in part.get(MADE_OF, ()):
+            yield piece, part.get("quantity", most.get(name, 0))

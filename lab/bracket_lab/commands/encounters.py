@@ -70,13 +70,15 @@ def encounters(
         return 1
     trees = (ALGORITHM_1, DEFAULT_TREE)
     first = shared.numbers[:throughput_seeds]
-    pairs = [(path, one, who, number) for number in first for one in trees for who in BESIDE]
+    pairs = [(path, tree, who, number) for number in first for tree in trees for who in BESIDE]
     left = [pair for pair in pairs if ("throughput", pair[1].name, *pair[2:]) not in kept]
     for row in run(timed_pair, left) if left else ():
         kept.add(row)
     found = summary(kept.rows)
     ratios = {
-        f"with_over_without {one.stem} {who}": throughput_ratio(kept.rows, one, who) for one in trees for who in BESIDE
+        f"with_over_without {tree.stem} {who}": throughput_ratio(kept.rows, tree, who)
+        for tree in trees
+        for who in BESIDE
     }
     told = {**experiment, **found, **ratios}
     console().print(told)

@@ -110,8 +110,8 @@ def _drawn(shared: Shared, faults: int) -> int:
 
     left = [(path, trials, seed) for trials, seed in missing(faults, first, kept.keys)]
     if shared.workers == 1 and shared.scheduler is None:  # rows come as they are known
-        for one in left:
-            drawn_rows(*one, tell)
+        for trial in left:
+            drawn_rows(*trial, tell)
     else:
         for rows in mapped(drawn_list, left, shared.workers, shared.scheduler):
             for row in rows:

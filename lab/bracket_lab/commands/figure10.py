@@ -41,7 +41,7 @@ def figure10(
     wanted = [(fold, kind) for fold in range(FOLDS) for kind in kinds if (fold, kind) not in kept]
     status = 0
     if wanted:
-        whole = any(one in WHOLE_FRAMES for _, one in wanted)
+        whole = any(kind in WHOLE_FRAMES for _, kind in wanted)
         folder = out.with_suffix(".frames" if whole else ".data")
         options = {"--look": shared.look, "--seeds": shared.seeds, "--config": shared.config}
         make_data("actions", folder, options, "--thin", *(["--frames"] if whole else []))

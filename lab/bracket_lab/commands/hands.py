@@ -112,8 +112,8 @@ def evaluate(
         cameras=shared.cameras.value,
     )
     cameras = shared.cameras.value
-    for name, one in found.items():
-        console().print(table(f"{name}, {shared.look}, {persons}, cameras {cameras}", _rows(one)))
+    for name, figure in found.items():
+        console().print(table(f"{name}, {shared.look}, {persons}, cameras {cameras}", _rows(figure)))
     if shared.as_json:
         told = {"look": shared.look, "only": persons, "cameras": cameras, "seeds": shared.seeds}
         print_json({**told, "physics": shared.physics, "trackers": found})

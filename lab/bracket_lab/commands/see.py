@@ -76,7 +76,7 @@ def see(
         raise InputError(f"--camera {camera}: unknown camera; legal: {', '.join(CAMERAS)}")
     configured = simulated(load_configuration(config), look)
     product, drawn = load_product(configured, config), source.startswith("sim:") or source.endswith(".mcap")
-    trackers = [one.strip() for one in hands.split(",")] if hands else [None]
+    trackers = [name.strip() for name in hands.split(",")] if hands else [None]
     each = [_fitted(_chosen(configured, tracker, perception), product, real=not drawn) for tracker in trackers]
     configuration = each[0]
     opened = open_source(source, camera, configuration, product, camera_pose(configuration.bench, camera))
@@ -90,7 +90,7 @@ def see(
         raise InputError(f"{target}: is also the input; choose another with --out")
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
-        looks = [partial(_look, one, product, camera, opened.follows) for one in each]
+        looks = [partial(_look, image, product, camera, opened.follows) for image in each]
         told = _seen(opened, most, every, writer, looks)
     rows = {"frames": len(told[0])}
     for name, frames_told in zip(trackers, told, strict=True):
@@ -140,9 +140,9 @@ def _seen(
 
 def _of_hands(told: list[dict[str, Any]]) -> dict[str, int]:
     """In how many frames hands are seen, and how often the one that works was lost."""
-    there = [bool(one.get("hand")) for one in told]
+    there = [bool(row.get("hand")) for row in told]
     lost = sum(before and not now for before, now in pairwise(there))
-    beside = sum(bool(one.get("other_hands")) for one in told)
+    beside = sum(bool(row.get("other_hands")) for row in told)
     return {"with a hand that works": sum(there), "times that it was lost": lost, "with other hands": beside}
 
 

@@ -57,8 +57,8 @@ def draw_stacks(
                 objects += len(scene.objects)
                 on_others += sum(bool(item.fathers) for item in scene.objects)
         tested = [place // len(counts) % TESTED == TESTED - 1 for place in range(scenes)]  # of each number of classes
-        test = [name for name, one in zip(names, tested, strict=True) if one]
-        write_splits(folder, (name for name, one in zip(names, tested, strict=True) if not one), test)
+        test = [name for name, is_test in zip(names, tested, strict=True) if is_test]
+        write_splits(folder, (name for name, is_test in zip(names, tested, strict=True) if not is_test), test)
         facts = {"scenes": scenes, "test": len(test), "objects": objects, "on_others": on_others}
         command = f"cell lab data stacks --scenes {scenes} --seed {seed} --classes {classes}"
         command += f" --deepest {deepest} --stacked-share {stacked_share:g}"
@@ -136,6 +136,6 @@ def evaluate_stacks(
 
 def _kinds(asked: list[str] | None) -> list[str]:
     legal = (*LEARNED, *RULES)
-    if unknown := [one for one in asked or () if one not in legal]:
+    if unknown := [name for name in asked or () if name not in legal]:
         raise InputError(f"--kind {unknown[0]}: unknown planner; legal: {', '.join(legal)}")
-    return [one for one in legal if not asked or one in asked]
+    return [name for name in legal if not asked or name in asked]

@@ -58,8 +58,8 @@ def system(
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
     kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
-    rows = list(kept.rows_of(one for one in wanted if one in kept))
-    left = [one for one in wanted if one not in kept]
+    rows = list(kept.rows_of(key for key in wanted if key in kept))
+    left = [key for key in wanted if key not in kept]
     status = 0
     try:
         calibrated = shared.cameras is Cameras.calibrated

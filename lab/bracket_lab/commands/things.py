@@ -70,7 +70,7 @@ def _kind(shared: Shared, legal: Sequence[str]) -> str:
     """
     kind = shared.one_kind(legal)
     if kind == "classical" and shared.weights is not None:
-        trained = " or ".join(one for one in legal if one != "classical")
+        trained = " or ".join(kind for kind in legal if kind != "classical")
         raise InputError(f"--weights {shared.weights}: nothing reads them: they go with --kind {trained}")
     return kind
 

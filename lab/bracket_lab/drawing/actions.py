@@ -56,7 +56,7 @@ def write_segments(
         numbers = np.maximum(np.searchsorted(sequences, wanted, side="right") - 1, 0)  # the last frame that came
         before = hands[: int(np.searchsorted(sequences, wanted[0]))]
         came = sequences[numbers] == wanted
-        window = [hands[number] if one else None for number, one in zip(numbers, came, strict=True)]
+        window = [hands[number] if seen else None for number, seen in zip(numbers, came, strict=True)]
         at_hole = last_at_hole(_tips_m(window), source.holes_m)
         folder.row(
             "segments",

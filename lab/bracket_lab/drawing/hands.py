@@ -152,8 +152,8 @@ def hand_frames(source: Source, stretches: Sequence[range], *, turned: bool = Fa
         for index in stretch:
             moment, held = assembly.moments[index], assembly.held[index]
             part = hands[0].part(moment, held)
-            exposed = (turns.put(one, moment.fingertips_m, part, turn_rad) for one in moment.exposure.moments)
-            exposure = replace(moment.exposure, moments=tuple(arm.put(one, pose) for one in exposed))
+            exposed = (turns.put(instant, moment.fingertips_m, part, turn_rad) for instant in moment.exposure.moments)
+            exposure = replace(moment.exposure, moments=tuple(arm.put(instant, pose) for instant in exposed))
             poses = exposure.moments[-1]
             show_poses(data, poses)
             told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
@@ -290,7 +290,7 @@ def _hands_of(source: Source) -> list[_HandModel]:
     palm, *_, wrist, _ = hand = shown("hand")  # the sleeve is the last
     thumb, index = shown("hand_thumb") or [palm], shown("hand_index") or [palm]
     bends = "hand_fingers" in {model.body(body).name for body in range(model.nbody)}
-    moving = [one for body in ("hand_thumb", "hand_index") for one in shown(body)]
+    moving = [geom for body in ("hand_thumb", "hand_index") for geom in shown(body)]
     geoms = np.array(hand[:-1] + moving + (shown("hand_fingers") if bends else []))
     found = [_HandModel(world, True, sides[0], geoms, palm, thumb[0], index[0], wrist, joints("hand"))]
     if person.second_hand:

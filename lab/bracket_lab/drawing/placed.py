@@ -78,7 +78,7 @@ def slipped(source: Source) -> list[Placed]:
                 came -= 1
             rests = now == stands[number + stays][position] == (part, True)
             empty = came >= stays and all(before[position][0] is None for before in stands[came - stays : came])
-            told = any(one[1:] == (part, position) and came - stays <= one[0] <= number + stays for one in let_go)
+            told = any(act[1:] == (part, position) and came - stays <= act[0] <= number + stays for act in let_go)
             found += [(number, part, position)] if rests and empty and not told else []
     return found
 

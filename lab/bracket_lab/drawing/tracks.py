@@ -169,5 +169,5 @@ def _xy(point: Array) -> list[float]:
 def _nearest(assembly: Assembly, moment: Moment, part: str) -> str:
     """Name of the body of this type that is nearest to the fingertips."""
     away = np.linalg.norm(moment.parts_m - moment.fingertips_m, axis=1)
-    of_type = [one for one in zip(away, assembly.world.bodies, strict=True) if one[1].part == part]
-    return min(of_type, key=lambda one: float(one[0]))[1].name
+    of_type = [pair for pair in zip(away, assembly.world.bodies, strict=True) if pair[1].part == part]
+    return min(of_type, key=lambda pair: float(pair[0]))[1].name

@@ -70,7 +70,7 @@ class _Task:
 
     @classmethod
     def do(cls, work: Callable[[TrayCamera, Any], Any], asked: Sequence[Any]) -> list[Any]:
-        return [work(cls.camera, one) for one in asked]
+        return [work(cls.camera, seed) for seed in asked]
 
 
 @contextmanager
@@ -90,6 +90,6 @@ def camera_process(
 
         def take(asked: Sequence[Asked]) -> list[Given]:
             batches = [asked[first : first + BATCH] for first in range(0, len(asked), BATCH)]
-            return [one for found in pool.map(_Task.do, [work] * len(batches), batches) for one in found]
+            return [tray for found in pool.map(_Task.do, [work] * len(batches), batches) for tray in found]
 
         yield take

@@ -113,8 +113,8 @@ class WorkingArm:
         tray = self._world.bench.tray
         away = np.abs(moment.parts_m[:, :2] - np.array(tray.centre_m[:2]))
         bodies = self._world.bodies
-        inside = [int(one) for one in np.flatnonzero((away < np.array(tray.size_m) / 2).all(axis=1))]
-        parts = [one for one in inside if bodies[one].name in self._world.parts]
+        inside = [int(body) for body in np.flatnonzero((away < np.array(tray.size_m) / 2).all(axis=1))]
+        parts = [body for body in inside if bodies[body].name in self._world.parts]
         return bodies[int(self._rng.choice(parts))] if parts else None
 
     def _place(self, held: WorldPart | None) -> None:

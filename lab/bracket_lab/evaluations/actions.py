@@ -50,7 +50,7 @@ def delays(placed: Iterable[Told], told: Iterable[Told]) -> list[float | None]:
     """How late each placement was told, in time with the right part and hole, or None; what was told counts once."""
     left, found = list(told), list[float | None]()
     for time_s, *what in placed:
-        fits = (number for number, one in enumerate(left) if list(one[1:]) == what and _in_time(one[0] - time_s))
+        fits = (number for number, event in enumerate(left) if list(event[1:]) == what and _in_time(event[0] - time_s))
         number = next(fits, None)
         found.append(None if number is None else left.pop(number)[0] - time_s)
     return found
@@ -290,7 +290,9 @@ def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) ->
     tally.placed += len(events)
     tally.placed_hidden += sum(hidden)
     tally.right += sum(delay_s is not None for delay_s in delays_s)
-    tally.right_hidden += sum(delay_s is not None for delay_s, one in zip(delays_s, hidden, strict=True) if one)
+    tally.right_hidden += sum(
+        delay_s is not None for delay_s, is_hidden in zip(delays_s, hidden, strict=True) if is_hidden
+    )
     tally.delays_s += [delay_s for delay_s in delays_s if delay_s is not None]
     tally.told += len(watcher.told)
     tally.told_by_hand += len(watcher.told_by_hand)

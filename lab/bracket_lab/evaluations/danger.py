@@ -131,7 +131,9 @@ class TrueDistance:
         self._cell, self._model, self._data = cell, cell.world.model, cell.world.data
         touch = list(zip(self._model.geom_contype, self._model.geom_conaffinity, strict=True))
         self._skin = self._of(touch, palette.SKIN_TOUCH)
-        self._robot = np.concatenate([self._of(touch, one) for one in (palette.ROBOT_TOUCH, palette.HAND_ONLY_TOUCH)])
+        self._robot = np.concatenate(
+            [self._of(touch, touching) for touching in (palette.ROBOT_TOUCH, palette.HAND_ONLY_TOUCH)]
+        )
 
     def breached(self) -> tuple[bool, ...]:
         """For each of HANDS_M_S, whether a link is nearer than S_p = v_h (T_r + T_s) + v_r T_r + S_s and moves."""
@@ -142,7 +144,7 @@ class TrueDistance:
             speed_m_s = self._speed_m_s(int(geom))
             if speed_m_s > DRIVEN_M_S:
                 found |= self._nearest_m(int(geom), float(protective_m(speed_m_s).max())) < protective_m(speed_m_s)
-        return tuple(bool(one) for one in found)
+        return tuple(bool(hit) for hit in found)
 
     def too_fast(self) -> str:
         """That a link is faster beside the person than an arm may be that is slow before a hand arrives, in words."""
@@ -154,7 +156,7 @@ class TrueDistance:
         return ""
 
     def _of(self, touch: list[tuple[int, int]], wanted: tuple[int, int]) -> NDArray[np.intp]:
-        return np.array([geom for geom, one in enumerate(touch) if tuple(map(int, one)) == wanted], dtype=np.intp)
+        return np.array([geom for geom, bits in enumerate(touch) if tuple(map(int, bits)) == wanted], dtype=np.intp)
 
     def _speed_m_s(self, geom: int) -> float:
         """Of the shape's fastest point, at most: driven by the arm's servos."""
@@ -251,7 +253,7 @@ class Danger(Observer):
         true = self._images.get(frame.sequence)
         same = [image for image in self._images.values() if image.image is frame.image]
         if same:
-            self._told[frame.sequence] = max(one.time_s for one in same)
+            self._told[frame.sequence] = max(earlier.time_s for earlier in same)
         elif true is not None and true.image.shape == frame.image.shape:
             gain, same_share = alike(blocks(frame.image), blocks(true.image))
             fine = 1 / BRIGHTER < gain < BRIGHTER and same_share > ALIKE

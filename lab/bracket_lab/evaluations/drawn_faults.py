@@ -161,7 +161,7 @@ class Watch(Observer):
             )
             danger.at_end(outcome, placed=placed)
         noticed_s = min(self.noticed_s, self.began_s + ENDS_S)
-        ticks = sum(evidence.time_s <= one <= self.noticed_s for one in self._times_s)
+        ticks = sum(evidence.time_s <= time_s <= self.noticed_s for time_s in self._times_s)
         return {
             "fault": fork.fault or NONE,
             "seed": fork.seed,

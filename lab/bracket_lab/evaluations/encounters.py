@@ -233,19 +233,19 @@ def summary(rows: Sequence[Row]) -> Row:
         "fastest_hand_m_s": max(speeds, default=0.0),
         "contacts": len(contacts),
         "contacts_moving": len(moving),
-        "contacts_fast": sum(bool(one["fast"]) for one in contacts),
+        "contacts_fast": sum(bool(row["fast"]) for row in contacts),
         **{
-            f"contacts_avoidable_{speed}": sum(bool(one[f"avoidable_{speed}"]) for one in contacts)
+            f"contacts_avoidable_{speed}": sum(bool(row[f"avoidable_{speed}"]) for row in contacts)
             for speed in HANDS_M_S
         },
         "ticks_breached": {str(speed): sum(row["breached"][n] for row in rows) for n, speed in enumerate(HANDS_M_S)},
         "fastest_m_s": round(_most(contacts, "speed_m_s"), 3),
         "force_n": round(_most(contacts, "force_n")),
         **{
-            f"force_moving_{where}_n": round(_most([one for one in moving if one["clamped"] is clamped], "force_n"))
+            f"force_moving_{where}_n": round(_most([row for row in moving if row["clamped"] is clamped], "force_n"))
             for where, clamped in (("clamped", True), ("free", False))
         },
-        "contacts_moving_over": sum(bool(one["over"]) for one in moving),
+        "contacts_moving_over": sum(bool(row["over"]) for row in moving),
         "moved_while_unknown": sum(int(str(row["moved_while_unknown"])) for row in rows),
     }
 

@@ -57,7 +57,7 @@ def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
             signals_of(fault)
         for state in states or ():
             Injection(fault, state)
-    pairs = {state: tuple(one for one in faults or FAULTS if _comes(one, state)) for state in states or EVERY_STATE}
+    pairs = {state: tuple(name for name in faults or FAULTS if _comes(name, state)) for state in states or EVERY_STATE}
     return {state: names for state, names in pairs.items() if names}
 
 

@@ -173,7 +173,7 @@ def _text(topic: Topic) -> str:
         return f"@{len(lines) - 1}@"
 
     for table in told["tables"]:
-        table |= {name: [line(one) for one in table[name]] for name in ("rows", "cells") if name in table}
+        table |= {name: [line(row) for row in table[name]] for name in ("rows", "cells") if name in table}
         table |= {"head": line(table["head"])} if "head" in table else {}
     text = json.dumps(told, indent=1, ensure_ascii=False)
     return re.sub(r'"@(\d+)@"', lambda found: lines[int(found[1])], text) + "\n"

@@ -188,7 +188,7 @@ def scores(tallies: Sequence[Tally]) -> dict[str, Any]:
         for suffix, percent in figures.items():
             found[name + suffix] = round(_figure(np.concatenate(groups), percent), 4)
             drawn = [np.concatenate([groups[index] for index in draw]) for draw in draws]
-            ends = np.percentile([_figure(one, percent) for one in drawn if len(one)], (2.5, 97.5))
+            ends = np.percentile([_figure(sample, percent) for sample in drawn if len(sample)], (2.5, 97.5))
             found[f"{name}{suffix}_low"], found[f"{name}{suffix}_high"] = (round(float(end), 4) for end in ends)
     return found
 

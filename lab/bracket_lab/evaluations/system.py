@@ -127,7 +127,7 @@ def assemble(
         "told_right": right,
         "told_right_by_hand": len(matched(placed, listener.by_hand)),
         "allowed": len(listener.allowed),
-        "allowed_right": sum(one in goal for one in listener.allowed),
+        "allowed_right": sum(kind in goal for kind in listener.allowed),
         "contradictions": listener.contradictions,
         "lapses": _lapses(cell),
         "robot_placements": cell.score.report().get("robot_placements"),

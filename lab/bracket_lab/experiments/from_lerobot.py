@@ -78,7 +78,7 @@ class Exported(nn.Module):
     def _steps(self) -> list[tuple[int, float, float]]:
         """Of DDIM: number of the noise's step, and the signal's share of the variance at it and behind it."""
         scheduler, trained = self.policy.diffusion.noise_scheduler, self.policy.config.num_train_timesteps
-        shares = [float(one) for one in scheduler.alphas_cumprod]
+        shares = [float(alpha) for alpha in scheduler.alphas_cumprod]
         stride = trained // min(DENOISED, trained)
         numbers = list(range(0, trained, stride))[::-1]
         return [(at, shares[at], shares[at - stride] if at >= stride else 1.0) for at in numbers]

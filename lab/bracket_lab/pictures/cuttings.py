@@ -155,11 +155,11 @@ class Paster:
         for _ in range(int(rng.integers(*PASTED, endpoint=True))):
             part = types[int(rng.integers(len(types)))]
             mine = self._cuttings[part][group :: self._groups]
-            one = mine[int(rng.integers(len(mine)))]
-            onto = self._onto(one, self._product.parts[part], rng)
+            cutting = mine[int(rng.integers(len(mine)))]
+            onto = self._onto(cutting, self._product.parts[part], rng)
             size = self._setup.width_px, self._setup.height_px
-            mask = cv2.warpAffine(one.mask, onto, size)
-            colours = cv2.warpAffine(one.image, onto, size, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+            mask = cv2.warpAffine(cutting.mask, onto, size)
+            colours = cv2.warpAffine(cutting.image, onto, size, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
             shade = cv2.GaussianBlur(np.roll(mask, rng.integers(-6, 7, 2), (0, 1)), (0, 0), float(rng.uniform(2, 7)))
             shown *= 1 - float(rng.uniform(0, SHADOW)) * (shade * (1 - mask))[..., np.newaxis]
             light = np.exp(rng.normal(0, GAIN, 1) + rng.normal(0, GAIN / 5, 3))
@@ -167,9 +167,9 @@ class Paster:
             layers.append((part, mask > 0.5))
         return np.clip(shown, 0, 255).astype(np.uint8), _boxes(layers)
 
-    def _onto(self, one: Cutting, kind: PartType, rng: np.random.Generator) -> NDArray[np.float64]:
+    def _onto(self, cutting: Cutting, kind: PartType, rng: np.random.Generator) -> NDArray[np.float64]:
         """(2, 3) from a cutting to the image: as large as its longest side is seen, anywhere, turned anyhow."""
-        height, width = one.mask.shape
+        height, width = cutting.mask.shape
         longest_m = max(*kind.size_m[:2], kind.size_m[2] + kind.peg_length_m)
         longest_px = self._setup.focal_px * longest_m / self._away_m * math.exp(rng.normal(0, SIZES))
         scale, turn = longest_px / max(height, width), rng.uniform(0, 2 * math.pi)

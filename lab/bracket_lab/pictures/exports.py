@@ -84,20 +84,20 @@ def _coco(pictures: Sequence[Labelled], names: Sequence[str]) -> dict[str, Any]:
     return {"images": images, "categories": named, "annotations": found}
 
 
-def _yolo(one: Labelled, names: Sequence[str]) -> bytes:
-    (width, height), lines = one.size_px, []
-    for name, (left, top, right, bottom), _ in one.boxes:
+def _yolo(picture: Labelled, names: Sequence[str]) -> bytes:
+    (width, height), lines = picture.size_px, []
+    for name, (left, top, right, bottom), _ in picture.boxes:
         middle = (left + right) / 2 / width, (top + bottom) / 2 / height
         shares = (*middle, (right - left) / width, (bottom - top) / height)
         lines.append(f"{names.index(name)} " + " ".join(f"{share:.6f}" for share in shares))
     return "".join(f"{line}\n" for line in lines).encode()
 
 
-def _voc(one: Labelled) -> bytes:
+def _voc(picture: Labelled) -> bytes:
     root = ElementTree.Element("annotation")
-    _texts(root, filename=PurePosixPath(one.file).name)
-    _texts(ElementTree.SubElement(root, "size"), width=one.size_px[0], height=one.size_px[1], depth=3)
-    for name, box, _ in one.boxes:
+    _texts(root, filename=PurePosixPath(picture.file).name)
+    _texts(ElementTree.SubElement(root, "size"), width=picture.size_px[0], height=picture.size_px[1], depth=3)
+    for name, box, _ in picture.boxes:
         thing = ElementTree.SubElement(root, "object")
         _texts(thing, name=name, pose="Unspecified", truncated=0, difficult=0)
         _texts(

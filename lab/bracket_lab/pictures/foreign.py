@@ -204,7 +204,7 @@ class _Element:
         return Place(self.file, self.lines[self.root])
 
     def all(self, tag: str) -> Iterator[_Element]:
-        return (_Element(self.file, one, self.lines) for one in self.root.iter(tag))
+        return (_Element(self.file, child, self.lines) for child in self.root.iter(tag))
 
     def child(self, path: str) -> tuple[float, ...]:
         """The number in a child's text, or nothing where there is no such child."""
@@ -266,10 +266,10 @@ def _voc(root: _Element) -> ForeignPicture:
 
 def _cvat(image: _Element) -> ForeignPicture:
     boxes = [
-        ForeignBox(one.get("label") or "", _outline(shape), str(shape.at))
-        for one in image.root
-        if one.tag not in CVAT_PASSED
-        for shape in (_Element(image.file, one, image.lines),)
+        ForeignBox(element.get("label") or "", _outline(shape), str(shape.at))
+        for element in image.root
+        if element.tag not in CVAT_PASSED
+        for shape in (_Element(image.file, element, image.lines),)
     ]
     size = image.key("width"), image.key("height")
     return ForeignPicture(image.root.get("name") or "", size, tuple(boxes))

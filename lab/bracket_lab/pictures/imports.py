@@ -74,7 +74,7 @@ class _Names:
         """The product's name; empty where the box is to be left out, or where there is none, which `unknown` says."""
         if name in self._renamed or name in self._legal:
             return self._renamed.get(name, name)
-        alike = [one for one in self._legal if one.casefold() == name.casefold()]
+        alike = [legal for legal in self._legal if legal.casefold() == name.casefold()]
         if len(alike) != 1:
             self._unknown.setdefault(name, []).append(where)
             return ""

@@ -107,7 +107,7 @@ class Scorer:
         own, classical = (
             [
                 self._part_detector(scene, kind, weights).detect(Frame("wrist", 0, 0.0, scene.image, scene.believed))
-                for scene in (replace(one, believed=one.world_from_camera) for one in scenes)
+                for scene in (replace(still, believed=still.world_from_camera) for still in scenes)
             ]
             for kind, weights in ((self.kind, self.weights), ("classical", None))
         )

@@ -53,7 +53,7 @@ class Suggester:
         frame = Frame(row.camera, 0, 0.0, image, row.world_from_camera.pose)
         if row.camera == "wrist":
             found = self._detector("parts").detect(frame)
-            seen = [(one.part, "upright" if one.upright else "lying", one.box_px) for one in found]
+            seen = [(part.part, "upright" if part.upright else "lying", part.box_px) for part in found]
             return PictureLabels(parts=tuple(PartRow(part=a, posture=b, whole_box_px=c) for a, b, c in seen))  # type: ignore[arg-type]
         return PictureLabels(holes=self._holes(frame), hands=self._hands(image, frame))
 

@@ -87,8 +87,8 @@ def write_page(
     bad = [pair for pair in pairs if pair[0].wrong]
     rows = "".join(f"<tr><th>{html.escape(name)}<td>{value:.3g}" for name, value in scores.items())
     shown = "".join(
-        f"<h2>{html.escape(one.name)}: {html.escape(', '.join(one.wrong))}</h2>{_img(one.image)} {_img(beside.image)}"
-        for one, beside in bad[:SHOWN]
+        f"<h2>{html.escape(seen.name)}: {html.escape(', '.join(seen.wrong))}</h2>{_img(seen.image)} {_img(rival.image)}"
+        for seen, rival in bad[:SHOWN]
     )
     text = f"{len(bad)} of {len(pairs)} pictures have something wrong; the worst {min(SHOWN, len(bad))} follow. "
     text += "White: your labels. Green: right. Red: wrong. On the right the classical detector."

@@ -127,7 +127,7 @@ def _learned(log: Log, goals: OpenGoals) -> OpenGoals:
 
 def _collect(log: Log, product: Product, folder: Path, collected: Collected) -> None:
     files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in log.parts or (log.path,)}
-    if {*files.values()} & {sha256 for one in collected.logs for sha256 in one["files"].values()}:
+    if {*files.values()} & {sha256 for log in collected.logs for sha256 in log["files"].values()}:
         raise LogError(log.path, "is named twice, or is a copy of another")
     name = _unused_name(whole_path(log.path).stem, collected.logs)
     taken = demonstration_of(log, collected.goals.product if collected.goals else product)

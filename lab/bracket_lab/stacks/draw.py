@@ -67,7 +67,7 @@ def order_of_taking(rests: Rests, wanted: int) -> Sequence[int]:
     left = set(np.flatnonzero(rests[:, wanted]).tolist())
     order: list[int] = []
     while left:
-        free = min(one for one in left if not rests[list(left), one].any())
+        free = min(thing for thing in left if not rests[list(left), thing].any())
         order.append(free)
         left.remove(free)
     return order
@@ -222,7 +222,7 @@ def _labelled(standing: Standing, number: int, box_px: tuple[float, float, float
         number + 1,
         standing.names[number],
         box_px,
-        tuple(int(one) + 1 for one in np.flatnonzero(rests[number])),
-        tuple(int(one) + 1 for one in np.flatnonzero(rests[:, number])),
+        tuple(int(at) + 1 for at in np.flatnonzero(rests[number])),
+        tuple(int(at) + 1 for at in np.flatnonzero(rests[:, number])),
         round(float(standing.stage.points(number)[:, 2].max()), 4),
     )

@@ -118,7 +118,7 @@ def behind_ros2(configuration: Configuration) -> Configuration:
             topics["depth"] = ""
         made[role] = Ros2CameraSettings(**where, **topics)
     devices = configuration.devices
-    changed = {role: one for role, one in made.items() if getattr(devices, role).kind != one.kind}
+    changed = {role: device for role, device in made.items() if getattr(devices, role).kind != device.kind}
     return configuration.model_copy(update={"devices": devices.model_copy(update=changed)})
 
 

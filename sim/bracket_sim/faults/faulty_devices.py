@@ -77,7 +77,7 @@ class FaultyArm:
     def state(self) -> ArmState:
         now_s = self._injection.now_s()
         due = [order for when_s, order in self._waiting if when_s <= now_s]
-        self._waiting = [one for one in self._waiting if one[0] > now_s]
+        self._waiting = [order for order in self._waiting if order[0] > now_s]
         for order in due:
             order()
         faults = self._injection.on("arm")
@@ -178,7 +178,7 @@ class FaultyPanel:
         for fault in self._injection.on("panel"):
             orders = tuple(self._told(fault, orders, now_s))
         due = [order for when_s, order in self._waiting if when_s <= now_s]
-        self._waiting = [one for one in self._waiting if one[0] > now_s]
+        self._waiting = [order for order in self._waiting if order[0] > now_s]
         return (*orders, *due)
 
     def _told(self, fault: SignalFault, orders: tuple[OperatorOrder, ...], now_s: float) -> Iterator[OperatorOrder]:
@@ -235,7 +235,7 @@ def _within_view(view: Any, name: str, fault: SignalFault, now_s: float) -> Any:
         return replace(view, holes={place: told(hole, [fault], now_s) for place, hole in view.holes.items()})
     poses = (told(detection.world_from_part, [fault], now_s) for detection in view.detections)
     moved = zip(view.detections, poses, strict=True)
-    return replace(view, detections=tuple(replace(one, world_from_part=pose) for one, pose in moved))
+    return replace(view, detections=tuple(replace(part, world_from_part=pose) for part, pose in moved))
 
 
 def _pressed(kind: str) -> OperatorOrder:
@@ -260,7 +260,7 @@ class FaultyBus:
                 self._injection.shown = True
                 raise can.CanOperationError("bus off")
             self._intrude(fault, now_s)
-        while (due := next((one for one in self._waiting if one[0] <= now_s), None)) is not None:
+        while (due := next((frame for frame in self._waiting if frame[0] <= now_s), None)) is not None:
             self._waiting.remove(due)
             if not due[1]:
                 return due[2]

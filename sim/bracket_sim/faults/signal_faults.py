@@ -285,9 +285,9 @@ def _swapped(value: Any) -> Any:
     turned = turned[1:] + turned[:1]
     if isinstance(value, Mapping):
         return dict(zip(value, turned, strict=True))
-    if not all(isinstance(one, PartDetection) for one in value):
+    if not all(isinstance(part, PartDetection) for part in value):
         return tuple(turned)
-    return tuple(replace(one, part=other.part) for one, other in zip(value, turned, strict=True))
+    return tuple(replace(part, part=other.part) for part, other in zip(value, turned, strict=True))
 
 
 def drawn_fault(rng: np.random.Generator, signals: Mapping[str, Spread] = SIGNALS) -> SignalFault:
@@ -308,7 +308,7 @@ def _drawn_size(rng: np.random.Generator, kind: Kind, spread: Spread) -> float |
     if kind in ("offset", "jumps"):
         return float(spread.offset * rng.choice([-1, 1]) * np.exp(rng.uniform(math.log(0.1), math.log(10.0))))
     if kind == "foreign":
-        words = [one for one in spread.foreign if isinstance(one, str)]
+        words = [word for word in spread.foreign if isinstance(word, str)]
         return (
             str(rng.choice(words)) if words else float(rng.uniform(float(spread.foreign[0]), float(spread.foreign[1])))
         )

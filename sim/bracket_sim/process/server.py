@@ -207,7 +207,7 @@ class WorldServer:
             case said.Can(frames):
                 self._buses.put(frames)
             case said.Detect(camera, sequence, robot_m):
-                frame = next((one for one in self._pending[camera] if one.sequence == sequence), None)
+                frame = next((image for image in self._pending[camera] if image.sequence == sequence), None)
                 if frame is not None and self._devices.host is not None:
                     self._answers[camera].append(self._devices.host.begin(frame.beside(robot_m)))
 

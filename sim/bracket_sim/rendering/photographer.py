@@ -112,7 +112,7 @@ class Sensor:
         size = self.width_px * self.height_px * 3
         bank = np.rint(rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * look.noise_levels)
         # Apart by sign, as bytes: what saturates is added four times as fast as wider numbers are.
-        self._brighter, self._darker = (np.clip(one, 0, WHITE).astype(np.uint8) for one in (bank, -bank))
+        self._brighter, self._darker = (np.clip(noise, 0, WHITE).astype(np.uint8) for noise in (bank, -bank))
 
     def spoil(self, clean: Image) -> Image:
         """The frame of a clean image (height, width, 3), RGB."""

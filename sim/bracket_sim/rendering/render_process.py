@@ -90,7 +90,7 @@ class RenderProcess:
     @property
     def process_ids(self) -> tuple[int, ...]:
         """Of the process that draws, and of the one that detects."""
-        return tuple(one.child.process_id for one in (self._drawing, self._detecting) if one is not None)
+        return tuple(worker.child.process_id for worker in (self._drawing, self._detecting) if worker is not None)
 
     @property
     def detects(self) -> bool:
@@ -99,7 +99,7 @@ class RenderProcess:
 
     def await_ready(self) -> None:
         """Until it has drawn what it was given, and the detectors are made; raises CellError."""
-        await_ready(*[one for one in (self._drawing, self._detecting) if one is not None])
+        await_ready(*[worker for worker in (self._drawing, self._detecting) if worker is not None])
 
     def take(self, exposure: Exposure) -> PendingFrame | None:
         """A frame whose image comes later. Raises DeviceFault.
@@ -139,7 +139,7 @@ class RenderProcess:
         if lies:
             self._read[place] = pending
         self._asked.add(frame.camera)
-        self._ahead = [one for one in self._ahead if one[0] != frame.camera or one[1] > frame.sequence]
+        self._ahead = [image for image in self._ahead if image[0] != frame.camera or image[1] > frame.sequence]
         self._prepare(detecting)
 
         def answer() -> BenchView | PartsView:

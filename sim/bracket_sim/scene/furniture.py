@@ -159,10 +159,10 @@ def _add_place(world: mujoco.MjsBody, name: str, place: BenchPlace, product: Pro
         geom.solref = PLATE_TOUCH
 
 
-def _add_bin(world: mujoco.MjsBody, one: Bin, rgb: palette.Rgb) -> None:
-    x, y, z = one.centre_m
-    _add_floor(world, one.centre_m, one.size_m, rgb)
-    _add_rim(world, (x, y, 0.0), one.size_m, z + BIN_RIM_M, rgb)
+def _add_bin(world: mujoco.MjsBody, holder: Bin, rgb: palette.Rgb) -> None:
+    x, y, z = holder.centre_m
+    _add_floor(world, holder.centre_m, holder.size_m, rgb)
+    _add_rim(world, (x, y, 0.0), holder.size_m, z + BIN_RIM_M, rgb)
 
 
 def add_tray(world: mujoco.MjsBody, tray: Tray, rgb: palette.Rgb) -> None:

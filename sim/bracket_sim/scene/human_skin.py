@@ -278,7 +278,7 @@ def capsules(values: Array) -> dict[str, list[Segment]]:
     thumb = [(joints[2], joints[3], knuckle_r), (joints[3], ends[0], joint_r * 0.75)]
     index = [(joints[6], joints[7], FINGER_RADII_M[1]), (joints[7], ends[1], FINGER_RADII_M[2] * 0.85)]
     back = {"thumb": (0.0, human.HALF_GAPS_M[1], 0.0), "index": (0.0, -human.HALF_GAPS_M[1], 0.0)}
-    slid = {name: [_shifted(one, back[name]) for one in own] for name, own in (("thumb", thumb), ("index", index))}
+    slid = {name: [_shifted(ring, back[name]) for ring in own] for name, own in (("thumb", thumb), ("index", index))}
     return {"hand": palm, "fingers": bent, **slid}
 
 

@@ -188,7 +188,7 @@ def _with(look: Any, steps: Sequence[str], value: object) -> Any:
         return value
     if isinstance(look, Mapping):
         return {**look, steps[0]: _with(look[steps[0]], steps[1:], value)}
-    return [_with(one, steps[1:], value) if str(index) == steps[0] else one for index, one in enumerate(look)]
+    return [_with(item, steps[1:], value) if str(index) == steps[0] else item for index, item in enumerate(look)]
 
 
 def _end(data: Any, side: int) -> Any:

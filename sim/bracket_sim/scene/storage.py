@@ -114,27 +114,27 @@ def _permuted(product: Product, bench: Bench, storage: Storage, rng: np.random.G
         contents[one][-1], contents[other][-1] = contents[other][-1], contents[one][-1]
     bins = tuple(Bin(spot, COMMON_BIN_M) for spot in spots)
     filled = zip(bins, contents, strict=True)
-    return Layout(bins, tuple(part for one, names in filled for part in _fill(one, names, product, rng)))
+    return Layout(bins, tuple(part for holder, names in filled for part in _fill(holder, names, product, rng)))
 
 
-def _fill(one: Bin, names: Sequence[str], product: Product, rng: np.random.Generator) -> list[ScenePart]:
+def _fill(holder: Bin, names: Sequence[str], product: Product, rng: np.random.Generator) -> list[ScenePart]:
     """Stand parts in a bin from one side to the other, with random gaps and turned a little where there is room."""
     order = [names[index] for index in rng.permutation(len(names))]
     yaws = rng.uniform(-MOST_YAW_RAD, MOST_YAW_RAD, len(order))
     extents = [_extent(product, name, yaw) for name, yaw in zip(order, yaws, strict=True)]
-    wide_m = one.size_m[1] - 2 * EDGE_M - BIN_GAP_M * (len(order) - 1)
+    wide_m = holder.size_m[1] - 2 * EDGE_M - BIN_GAP_M * (len(order) - 1)
     room_m = wide_m - sum(extent[1] for extent in extents)
     if room_m < 0:
         yaws = np.zeros(len(order))
         extents = [_extent(product, name, 0.0) for name in order]
         room_m = max(0.0, wide_m - sum(extent[1] for extent in extents))
     gaps_m = room_m * rng.dirichlet(np.ones(len(order) + 1))
-    x, y, z = one.centre_m
-    y -= one.size_m[1] / 2 - EDGE_M
+    x, y, z = holder.centre_m
+    y -= holder.size_m[1] / 2 - EDGE_M
     found = []
     for name, yaw, extent, gap_m in zip(order, yaws, extents, gaps_m, strict=False):
         y += gap_m + extent[1] / 2
-        slack_m = max(0.0, one.size_m[0] - extent[0]) / 2
+        slack_m = max(0.0, holder.size_m[0] - extent[0]) / 2
         spot = (x + float(rng.uniform(-slack_m, slack_m)), float(y), z + product.parts[name].peg_length_m)
         found.append(ScenePart(name, Pose.from_yaw(spot, float(yaw)), "person"))
         y += extent[1] / 2 + BIN_GAP_M

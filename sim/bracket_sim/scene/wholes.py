@@ -74,7 +74,7 @@ class Joining:
     def _stack(self, low: WorldPart, kind: PartType) -> list[WorldPart] | None:
         """A body and what a sub-assembly has on it, from the bottom up, where all stand still as they should."""
         kinds, done, stack = self._world.product.parts, self._joined(low), [low]
-        height_m = sum(kinds[one].size_m[2] for one in done)
+        height_m = sum(kinds[part].size_m[2] for part in done)
         for part in kind.made_of[len(done) :]:
             found = next(self._seated(low, part, height_m, stack), None)
             if found is None:
@@ -93,5 +93,5 @@ class Joining:
                 if level and float(np.abs(np.array(pose.position_m) - at_m).max()) < SEATED_M:
                     yield body
 
-    def _still(self, one: WorldPart) -> bool:
-        return bool(np.all(np.abs(self._world.data.qvel[one.qvel : one.qvel + 6]) < STILL))
+    def _still(self, part: WorldPart) -> bool:
+        return bool(np.all(np.abs(self._world.data.qvel[part.qvel : part.qvel + 6]) < STILL))

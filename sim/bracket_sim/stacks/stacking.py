@@ -83,20 +83,20 @@ class Stack:
 
     def _chosen_below(self, limit: int) -> list[int]:
         """What an object is put on: one of those that are there, often the highest, or two on the table."""
-        rng, free = self._rng, [one for one, level in self.level.items() if level < limit]
+        rng, free = self._rng, [thing for thing, level in self.level.items() if level < limit]
         if not free:
             return []
-        low = [one for one in free if self.level[one] == 0]
+        low = [thing for thing in free if self.level[thing] == 0]
         if len(low) > 1 and rng.random() < self._settings.bridging_share:
-            return [int(one) for one in rng.choice(low, 2, replace=False)]
+            return [int(thing) for thing in rng.choice(low, 2, replace=False)]
         if rng.random() < HIGHEST_SHARE:
-            return [max(free, key=lambda one: self.level[one])]
+            return [max(free, key=lambda thing: self.level[thing])]
         return [int(rng.choice(free))]
 
     def _spot_over(self, number: int, below: Sequence[int]) -> tuple[Array, Quaternion]:
         """Over the middle of one object, or of the way between two, and how the object is turned."""
         rng = self._rng
-        clouds = [self.stage.points(one) for one in below]
+        clouds = [self.stage.points(thing) for thing in below]
         middles = [(cloud.min(axis=0) + cloud.max(axis=0)) / 2 for cloud in clouds]
         spot, stance = np.mean(middles, axis=0)[:2], self._stance(number)
         yaw = rng.uniform(-math.pi, math.pi)
@@ -114,7 +114,7 @@ class Stack:
     def _lower(self, number: int, spot: Array, turn: Quaternion) -> None:
         """Put an object over a spot just above what is there."""
         stage = self.stage
-        tops = [stage.points(one)[:, 2].max() for one, down in enumerate(stage.down) if down and one != number]
+        tops = [stage.points(thing)[:, 2].max() for thing, down in enumerate(stage.down) if down and thing != number]
         stage.put(number, np.array([*spot, 1.0]), turn)
         bottom = stage.lowest_m(number) - 1.0
         high, low = max(tops, default=0.0) - bottom + DROP_M, -bottom
@@ -139,7 +139,7 @@ class Stack:
                 break
         else:
             return []
-        there = [one for one, down in enumerate(stage.down) if down and one != number]
+        there = [thing for thing, down in enumerate(stage.down) if down and thing != number]
         shifts = (stage.data.qpos - before).reshape(-1, 7)[there, :3]
         if np.linalg.norm(shifts, axis=1).max(initial=0.0) > PUSHED_M or not self._in_room(number, *there):
             return []
@@ -184,7 +184,7 @@ def carriers_of(stage: Stage) -> list[list[int]]:
         if first in numbers and second in numbers and abs(up) > STEEP:
             above, below = (second, first) if up > 0 else (first, second)
             found[numbers[above]].add(numbers[below])
-    return [sorted(one) for one in found]
+    return [sorted(group) for group in found]
 
 
 def _product(first: Quaternion, second: Quaternion) -> Quaternion:

@@ -155,8 +155,8 @@ class ContactMonitor:
             x, y, z = (float(value) for value in contact.pos)
             name = self._model.body(body).name
             seen.append(Contact(time_s, time_s, name, self._human(human), fast, fast, relative, 0.0, (x, y, z)))
-        worst = max(seen, key=lambda one: one.speed_m_s)
-        relative = max(one.relative_m_s for one in seen)
+        worst = max(seen, key=lambda contact: contact.speed_m_s)
+        relative = max(contact.relative_m_s for contact in seen)
         return replace(worst, relative_m_s=relative, force_n=float(np.linalg.norm(force_n)))
 
     def _velocity(self, body: int, point_m: Array) -> Array:

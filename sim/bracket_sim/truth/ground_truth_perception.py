@@ -205,10 +205,10 @@ class GroundTruthPerception:
         world = self._world
         for name, hole in holes.items():
             near = (
-                one
-                for one in world.parts
-                if _in_hole(world.data.body(one).xpos - hole)
-                and min(holes, key=lambda at: np.linalg.norm(world.data.body(one).xpos - holes[at])) == name
+                part
+                for part in world.parts
+                if _in_hole(world.data.body(part).xpos - hole)
+                and min(holes, key=lambda at: np.linalg.norm(world.data.body(part).xpos - holes[at])) == name
             )
             part = next(near, None)
             top_m = 0.0 if part is None else world.product.parts[world.parts[part]].size_m[2]

@@ -62,15 +62,15 @@ def resting_parts(world: World) -> tuple[Resting, ...]:
     return tuple(_resting(world, part, carriers[part.body]) for part in world.bodies if part.owner == "robot")
 
 
-def resting_event(one: Resting) -> TruthEvent:
+def resting_event(resting: Resting) -> TruthEvent:
     """What the log keeps of it, at the beginning of the run."""
     fields = {
-        "name": one.name,
-        "part": one.part,
-        "posture": one.posture,
-        "on": list(one.on),
-        "position_m": list(one.world_from_part.position_m),
-        "quaternion_wxyz": list(one.world_from_part.quaternion_wxyz),
+        "name": resting.name,
+        "part": resting.part,
+        "posture": resting.posture,
+        "on": list(resting.on),
+        "position_m": list(resting.world_from_part.position_m),
+        "quaternion_wxyz": list(resting.world_from_part.quaternion_wxyz),
     }
     return TruthEvent(0.0, "resting", fields)
 

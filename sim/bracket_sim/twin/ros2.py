@@ -200,7 +200,7 @@ class RosArm:
             return
         self._along_s += self._cell.period_s * self.controller.slider
         self._arm.scale = 1.0  # the goal is followed slowly already
-        self.asked_rad = np.array([np.interp(self._along_s, times_s, one) for one in joints.T])
+        self.asked_rad = np.array([np.interp(self._along_s, times_s, row) for row in joints.T])
         self._arm.servo(self.asked_rad)
         if self._along_s >= times_s[-1]:
             self._path = None
@@ -215,8 +215,8 @@ class RosArm:
         header = self._clock.header(seen.time_s)
         self._late.append(message(JOINTS)(header, self._names, position, velocity, effort))
         if time_s >= self.late_until_s:
-            for one in self._late:
-                self._joints.write(one)
+            for late in self._late:
+                self._joints.write(late)
             self._late.clear()
         of = self.controller
         now = {"robot": int(of.robot_mode), "safety": int(of.safety_mode), "running": of.runtime is Runtime.PLAYING}

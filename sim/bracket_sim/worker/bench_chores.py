@@ -213,12 +213,12 @@ class BenchChores:
 
 def goal_answer(question: Question, wanted: Mapping[str, str]) -> str:
     """Which of the offered goals is being built; "none of these" where it is no one."""
-    return next((one.value for one in question.answers if dict(one.placements) == dict(wanted)), UNKNOWN_GOAL)
+    return next((answer.value for answer in question.answers if dict(answer.placements) == dict(wanted)), UNKNOWN_GOAL)
 
 
 def where_answer(question: Question, wanted: Mapping[str, str], open_positions: Container[str]) -> str:
     """Where the part belongs that is asked for: one of the open positions, or it is placed by hand."""
-    legal = [one.value for one in question.answers]
+    legal = [answer.value for answer in question.answers]
     fitting = (name for name in legal if name in open_positions and wanted.get(name) == question.part)
     return next(fitting, PLACED_BY_HAND)
 
@@ -230,7 +230,7 @@ def help_answer(by_hand: bool) -> str:
 
 def mend_answer(question: Question, mended: bool) -> str:
     """What a person says who was told that something is wrong: that it was mended, or that it is right so."""
-    legal = [one.value for one in question.answers]
+    legal = [answer.value for answer in question.answers]
     return HELP_GIVEN if mended or IS_RIGHT not in legal else IS_RIGHT
 
 

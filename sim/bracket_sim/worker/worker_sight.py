@@ -218,11 +218,11 @@ class Sight:
     def unbuilt(self, wanted: Collection[str]) -> str | None:
         """A sub-assembly that is wanted and not built, whose spot is free, and whose parts are at hand."""
         there = Counter(self._parts.values())
-        for whole, count in Counter(one for one in wanted if one in self._product.wholes).items():
-            away_m = [np.linalg.norm(self._data.xpos[self._ids[one]] - self.spot_m(whole)) for one in self._parts]
+        for whole, count in Counter(part for part in wanted if part in self._product.wholes).items():
+            away_m = [np.linalg.norm(self._data.xpos[self._ids[part]] - self.spot_m(whole)) for part in self._parts]
             free = min(away_m) > NEAR_HOLE_HEIGHT_M
             needed = Counter(self._product.parts[whole].made_of)
-            if there[whole] < count and free and all(len(self.spares(one)) >= n for one, n in needed.items()):
+            if there[whole] < count and free and all(len(self.spares(part)) >= n for part, n in needed.items()):
                 return whole
         return None
 

@@ -122,7 +122,7 @@ class BoardReader:
         view, wide = self._before, image.shape[1]
         if view is None or before is None or view.moved_px(before) > STILL_PX:
             return False
-        if any(view.moved_px(one) < MOVED * wide for one in self.views):
+        if any(view.moved_px(kept) < MOVED * wide for kept in self.views):
             return False
         self.keep(view, (wide, image.shape[0]))
         return True

@@ -187,7 +187,7 @@ class ClassicalHoleReader:
         best: tuple[float, _Blob] | None = None
         parts = list(self._product.parts.values())
         legal = self._legal[position]
-        for blob in (one for one in blobs if legal is None or one.label in legal):
+        for blob in (candidate for candidate in blobs if legal is None or candidate.label in legal):
             middle_m = self._foot_m(position) + parts[blob.label - 1].size_m[2] / 2
             place = self._view.on_plane(np.array([blob.centroid_px]), middle_m)[0]
             distance_m = float(np.linalg.norm(place - self._holes_m[position]))

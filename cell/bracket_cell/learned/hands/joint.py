@@ -61,9 +61,9 @@ class JointReader:
         paired, answered = {a for a, _ in pairs}, {b for _, b in pairs}
         found = [agreed(ours[a], theirs[b]) for a, b in pairs]
         found += [completed(their, self._ours, image) for b, their in enumerate(theirs) if b not in answered]
-        for one in (our for a, our in enumerate(ours) if a not in paired):
-            followed = any(float(np.linalg.norm(one.centre_px - at)) < NEAR_PX for at in expected_px)
-            found += [one] if followed else self._asked(image, one)
+        for unpaired in (our for a, our in enumerate(ours) if a not in paired):
+            followed = any(float(np.linalg.norm(unpaired.centre_px - at)) < NEAR_PX for at in expected_px)
+            found += [unpaired] if followed else self._asked(image, unpaired)
         return _apart(sorted(found, key=lambda reading: -reading.confidence))
 
     def _asked(self, image: Image, reading: Reading) -> list[Reading]:

@@ -101,7 +101,7 @@ class SlimReader:
         missing = [at_px for at_px in expected_px if _apart(at_px, likely, same_px)]
         found = [*found, *self._closely(image, small, missing[: MOST_REGIONS - len(likely)])]
         best: list[Reading] = []
-        for reading in sorted(found, key=lambda one: -one.confidence):
+        for reading in sorted(found, key=lambda candidate: -candidate.confidence):
             if reading.confidence >= LEAST_CONFIDENCE and _apart(
                 reading.centre_px, [better.centre_px for better in best], same_px
             ):

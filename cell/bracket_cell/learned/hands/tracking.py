@@ -175,10 +175,10 @@ class HandTracks:
             # By it alone: another hand may be another person's, or lie flat, with a straight wrist: 2 % longer.
             learn_length(self._works.reading, view, self._palm_length)
         samples = {}
-        for one in seen:
-            by_colour = heights_m(one.reading, view, self._palm_length)
-            heights = heights_by_depth(frame, view, one.reading, by_colour)
-            samples[id(one)] = _sample(one, view, frame, heights, by_depth=heights != by_colour)
+        for hand in seen:
+            by_colour = heights_m(hand.reading, view, self._palm_length)
+            heights = heights_by_depth(frame, view, hand.reading, by_colour)
+            samples[id(hand)] = _sample(hand, view, frame, heights, by_depth=heights != by_colour)
         self._others = tuple(samples[id(track)] for track in seen if track is not self._works)
         return samples.get(id(self._works))
 

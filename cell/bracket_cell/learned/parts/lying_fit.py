@@ -146,6 +146,6 @@ def _surest(scored: Sequence[tuple[_Guess, float]]) -> LyingFit | None:
     best, score = max(scored, key=lambda pair: pair[1], default=(None, 0.0))
     if best is None or best.agreement < LEAST_AGREEMENT:
         return None
-    otherwise = max((one for guess, one in scored if not guess.means(best)), default=0.0)
+    otherwise = max((score_of for guess, score_of in scored if not guess.means(best)), default=0.0)
     sure = score - otherwise > LEAST_LEAD
     return LyingFit(best.model.part, best.up, best.poses.pose(0), best.agreement) if sure else None

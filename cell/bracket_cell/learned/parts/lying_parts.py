@@ -66,35 +66,35 @@ class LyingPartResolver:
         ]
         return standing, (*exact, *(on_floor(frame, self._bench, self._product, detection) for detection in apart))
 
-    def _placed(self, frame: Frame, one: PartDetection, found: Found, rough: Found) -> PartDetection | None:
+    def _placed(self, frame: Frame, detection: PartDetection, found: Found, rough: Found) -> PartDetection | None:
         """A thing exactly as it lies; None where that is not known. What looks like a rough one is not fitted again."""
-        if one.lies is not None and self._raised(one, one.lies):
-            return self._exact(one, one.part, one.lies)
-        tried = any(overlap(one, other) >= SAME_LOOK for other in rough)
-        if (fit := None if tried else self._lying(frame, one, found)) is not None:
-            return self._exact(one, fit.part, fit.world_from_part)
-        if one.lies is not None and self._clearly(one.part, self._same(one, found)):
-            return self._exact(one, one.part, one.lies)
+        if detection.lies is not None and self._raised(detection, detection.lies):
+            return self._exact(detection, detection.part, detection.lies)
+        tried = any(overlap(detection, other) >= SAME_LOOK for other in rough)
+        if (fit := None if tried else self._lying(frame, detection, found)) is not None:
+            return self._exact(detection, fit.part, fit.world_from_part)
+        if detection.lies is not None and self._clearly(detection.part, self._same(detection, found)):
+            return self._exact(detection, detection.part, detection.lies)
         return None
 
-    def _raised(self, one: PartDetection, lies: Pose) -> bool:
+    def _raised(self, detection: PartDetection, lies: Pose) -> bool:
         """Whether it lies on others, where no side can be fitted to the floor."""
         floor_m = self._bench.tray.centre_m[2]
-        return bool(one.lies_on) or lies_raised(self._product.parts[one.part], lies, floor_m)
+        return bool(detection.lies_on) or lies_raised(self._product.parts[detection.part], lies, floor_m)
 
     @staticmethod
-    def _same(one: PartDetection, found: Found) -> list[PartDetection]:
+    def _same(detection: PartDetection, found: Found) -> list[PartDetection]:
         """All findings that may be this thing."""
-        return [other for other in found if overlap(one, other) >= SAME_BOX]
+        return [other for other in found if overlap(detection, other) >= SAME_BOX]
 
-    def _lying(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
+    def _lying(self, frame: Frame, detection: PartDetection, found: Found) -> LyingFit | None:
         """How a thing lies, of whichever type it is; a large part may also be told as several small ones."""
-        same = self._same(one, found)
+        same = self._same(detection, found)
         types = tuple(dict.fromkeys(other.part for other in same))
-        around = [other for other in found if not inside(other, one)]
-        hidden, less = (self._hidden(frame, one, others) for others in (found, around))
+        around = [other for other in found if not inside(other, detection)]
+        hidden, less = (self._hidden(frame, detection, others) for others in (found, around))
         for mask in (hidden,) if np.array_equal(hidden, less) else (hidden, less):
-            fit = self._fitter.fit(frame, one.box_px, types, mask)
+            fit = self._fitter.fit(frame, detection.box_px, types, mask)
             if fit is not None and fit.agreement >= self._least_agreement(fit.part, same):
                 return fit
         return None
@@ -111,28 +111,28 @@ class LyingPartResolver:
         )
         return sure >= strange + MIN_CONFIDENCE_LEAD
 
-    def _fallen(self, frame: Frame, one: PartDetection, found: Found) -> LyingFit | None:
+    def _fallen(self, frame: Frame, detection: PartDetection, found: Found) -> LyingFit | None:
         """How a part lies that was told to stand; None where it stands, or where nothing else is sure."""
-        hidden = self._hidden(frame, one, found)
-        left, top, right, bottom = (max(value, 0) for value in one.box_px)
+        hidden = self._hidden(frame, detection, found)
+        left, top, right, bottom = (max(value, 0) for value in detection.box_px)
         if hidden[top:bottom, left:right].mean() > MOST_HIDDEN:
             return None
-        stands = self._fitter.agreement(frame, one.box_px, one.part, one.world_from_part, hidden)
+        stands = self._fitter.agreement(frame, detection.box_px, detection.part, detection.world_from_part, hidden)
         if stands >= STANDING_IOU:
             return None
-        fit = self._fitter.fit(frame, one.box_px, (one.part,), hidden)
+        fit = self._fitter.fit(frame, detection.box_px, (detection.part,), hidden)
         return fit if fit is not None and fit.agreement > stands + MIN_IOU_GAIN else None
 
-    def _hidden(self, frame: Frame, one: PartDetection, found: Found) -> NDArray[np.uint8]:
+    def _hidden(self, frame: Frame, detection: PartDetection, found: Found) -> NDArray[np.uint8]:
         """1 where other things are seen."""
         mask = np.zeros(frame.image.shape[:2], np.uint8)
         for other in found:
-            if other is not one and overlap(one, other) < SAME_BOX and other.confidence >= MIN_CONFIDENCE:
+            if other is not detection and overlap(detection, other) < SAME_BOX and other.confidence >= MIN_CONFIDENCE:
                 left, top, right, bottom = (max(value, 0) for value in other.box_px)
                 mask[top:bottom, left:right] = 1
         return mask
 
-    def _exact(self, one: PartDetection, part: str, lies: Pose) -> PartDetection:
+    def _exact(self, detection: PartDetection, part: str, lies: Pose) -> PartDetection:
         """With its exact pose, and the smallest box around it, from the floor on."""
         kind = self._product.parts[part]
         points = lies.transform(np.concatenate([solid.points() for solid in kind.whole]))
@@ -143,26 +143,26 @@ class LyingPartResolver:
         height = float(points[:, 2].max()) - floor_m
         pose = Pose.from_yaw((x / 1e3, y / 1e3, floor_m), float(yaw))
         size = (length, width, height)
-        return replace(one, part=part, world_from_part=pose, size_m=size, upright=False, lies=lies)
+        return replace(detection, part=part, world_from_part=pose, size_m=size, upright=False, lies=lies)
 
 
-def on_floor(frame: Frame, bench: Bench, product: Product, one: PartDetection) -> PartDetection:
+def on_floor(frame: Frame, bench: Bench, product: Product, detection: PartDetection) -> PartDetection:
     """What does not stand as an upright box along the axes of the world that holds what the camera sees of it.
 
     One look does not tell on which side it lies: it counts as high as it can be.
     """
-    left, top, right, bottom = one.box_px
-    middle_m = one.world_from_part.position_m[2]
+    left, top, right, bottom = detection.box_px
+    middle_m = detection.world_from_part.position_m[2]
     floor_m = bench.tray.centre_m[2]
     half_m = max(middle_m - floor_m, LEAST_HEIGHT_M / 2)
     pixels = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], float)
     corners = bench.wrist.model.onto_plane(frame.world_from_camera, pixels, floor_m + half_m)[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y = (float(value) for value in (low + high) / 2)
-    known = product.parts.get(one.part)
+    known = product.parts.get(detection.part)
     length, width = (float(value) + 2 * BEYOND_M for value in high - low)
     top_m = max(2 * half_m, *(known.size_m if known else (min(length, width),)))
-    return replace(one, world_from_part=Pose((x, y, floor_m)), size_m=(length, width, top_m), upright=False)
+    return replace(detection, world_from_part=Pose((x, y, floor_m)), size_m=(length, width, top_m), upright=False)
 
 
 def covers(standing: PartDetection, other: PartDetection) -> bool:
@@ -182,9 +182,9 @@ def inside(small: PartDetection, large: PartDetection) -> bool:
     return smaller and left <= (a + c) / 2 <= right and top <= (b + d) / 2 <= bottom
 
 
-def _again(one: PartDetection, known: Found) -> bool:
+def _again(detection: PartDetection, known: Found) -> bool:
     """Whether something is one of the known things, seen twice."""
-    return any(overlap(one, other) >= SAME_BOX and not one.stacked_with(other) for other in known)
+    return any(overlap(detection, other) >= SAME_BOX and not detection.stacked_with(other) for other in known)
 
 
 def overlap(first: PartDetection, second: PartDetection) -> float:

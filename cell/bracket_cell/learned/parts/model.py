@@ -145,19 +145,19 @@ class PosedPartDetector(ABC):
         peaks, features = self._peaks(frame.image)
         found = self._placed(frame, [self._scaled(peak) for peak in peaks])
         below, told = self._below(frame, found)
-        sure = [one for one, on in zip(found, below, strict=True) if not on and one.peak.score > LEAST_GRASPED]
-        standing = self._refined(frame, [one for seen in sure for one in seen.standing])
-        answers = [self._standing(frame, one, features) for one in standing]
-        boxes = [np.array(detection.box_px, float) for detection in answers] + [one.peak.box_px for one in standing]
+        sure = [at for at, on in zip(found, below, strict=True) if not on and at.peak.score > LEAST_GRASPED]
+        standing = self._refined(frame, [stance for seen in sure for stance in seen.standing])
+        answers = [self._standing(frame, stance, features) for stance in standing]
+        boxes = [np.array(detection.box_px, float) for detection in answers] + [own.peak.box_px for own in standing]
         rest = [
             index
-            for index, one in enumerate(found)
-            if below[index] or all(overlap(one.peak.box_px, box) < SAME_BOX for box in boxes)
+            for index, candidate in enumerate(found)
+            if below[index] or all(overlap(candidate.peak.box_px, box) < SAME_BOX for box in boxes)
         ]
-        exact = {id(one.peak): answer.box_px for one, answer in zip(standing, answers, strict=True)}
-        box_of = [exact.get(id(one.peak), _box(one.peak.box_px)) for one in found]
+        exact = {id(stance.peak): answer.box_px for stance, answer in zip(standing, answers, strict=True)}
+        box_of = [exact.get(id(candidate.peak), _box(candidate.peak.box_px)) for candidate in found]
         for index in rest:
-            on = tuple(box_of[one] for one in below[index])
+            on = tuple(box_of[lower] for lower in below[index])
             lies = self._lies(found[index].peak, told[index], raised=bool(on))
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(detection for detection in answers if self._near_tray(detection))
@@ -235,10 +235,10 @@ class PosedPartDetector(ABC):
         likely = [standing for standing in self._corrected(frame, supposed) if standing.standing > LEAST_LIKELY]
         seen = self._corrected(frame, likely, both_ways=True)
         kept: list[_Standing] = []
-        for one in sorted(seen, key=lambda standing: -standing.standing):
-            apart = all(float(np.hypot(*(one.place_m - other.place_m)[:2])) > SAME_M for other in kept)
-            if one.standing >= LEAST_STANDING and apart and all(one.peak is not other.peak for other in kept):
-                kept.append(one)
+        for stance in sorted(seen, key=lambda standing: -standing.standing):
+            apart = all(float(np.hypot(*(stance.place_m - other.place_m)[:2])) > SAME_M for other in kept)
+            if stance.standing >= LEAST_STANDING and apart and all(stance.peak is not other.peak for other in kept):
+                kept.append(stance)
         return kept
 
     def _corrected(self, frame: Frame, supposed: Sequence[_Standing], *, both_ways: bool = False) -> list[_Standing]:
@@ -259,19 +259,19 @@ class PosedPartDetector(ABC):
         offs[len(crops) :] *= HALF_TURN
         for values in (shares, offs):
             values[twice] = (values[twice] + values[len(crops) :]) / 2
-        return [_moved(*one) for one in zip(supposed, offs, shares, strict=False)]
+        return [_moved(*pair) for pair in zip(supposed, offs, shares, strict=False)]
 
-    def _standing(self, frame: Frame, one: _Standing, features: NDArray[np.float32] | None) -> PartDetection:
+    def _standing(self, frame: Frame, stance: _Standing, features: NDArray[np.float32] | None) -> PartDetection:
         """A part that stands; its box is around what its exact pose lets the camera see of it."""
-        name = self._types[one.peak.kind]
+        name = self._types[stance.peak.kind]
         kind = self._product.parts[name]
         turn = math.pi if kind.alike_after_half_turn else 2 * math.pi
-        yaw = (one.yaw_rad + turn / 2) % turn - turn / 2
+        yaw = (stance.yaw_rad + turn / 2) % turn - turn / 2
         bottom_m = self._bench.tray.centre_m[2] + kind.peg_length_m
-        pose = Pose.from_yaw((float(one.place_m[0]), float(one.place_m[1]), bottom_m), yaw)
+        pose = Pose.from_yaw((float(stance.place_m[0]), float(stance.place_m[1]), bottom_m), yaw)
         seen = self._bench.wrist.model.project(frame.world_from_camera, pose.transform(self._surfaces[name]))
         box = _box(np.concatenate([seen.min(axis=0), seen.max(axis=0)]))
-        return PartDetection(name, one.peak.score, pose, kind.size_m, box, _embedding(one.peak, features))
+        return PartDetection(name, stance.peak.score, pose, kind.size_m, box, _embedding(stance.peak, features))
 
     def _other(self, seen: _Seen, features: NDArray[np.float32] | None) -> PartDetection:
         """A part that does not stand, or something unknown: where it lies, as well as the centre net knows."""
@@ -281,10 +281,10 @@ class PosedPartDetector(ABC):
         name, box = self._types[peak.kind] if known else UNKNOWN, _box(peak.box_px)
         return PartDetection(name, peak.score, pose, seen.size_m, box, _embedding(peak, features), upright=False)
 
-    def _near_tray(self, one: PartDetection) -> bool:
+    def _near_tray(self, detection: PartDetection) -> bool:
         tray = self._bench.tray
         reach = np.array(tray.size_m) / 2 + MARGIN_M
-        off = np.abs(np.array(one.world_from_part.position_m[:2]) - np.array(tray.centre_m[:2]))
+        off = np.abs(np.array(detection.world_from_part.position_m[:2]) - np.array(tray.centre_m[:2]))
         return bool((off < reach).all())
 
 
@@ -318,13 +318,13 @@ class CentrePartDetector(PosedPartDetector):
         return (0.0,) if kind.alike_after_half_turn else (0.0, math.pi)
 
 
-def _moved(one: _Standing, offs: NDArray[np.float32], shares: NDArray[np.float32]) -> _Standing:
+def _moved(stance: _Standing, offs: NDArray[np.float32], shares: NDArray[np.float32]) -> _Standing:
     """By the pose net's answer about it: (types, 3) along, across in centimetres and heading; (types + 1) shares."""
-    along, across, turn = (float(value) for value in offs[one.peak.kind])
-    cosine, sine = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
+    along, across, turn = (float(value) for value in offs[stance.peak.kind])
+    cosine, sine = math.cos(stance.yaw_rad), math.sin(stance.yaw_rad)
     way = np.array([along * cosine - across * sine, along * sine + across * cosine, 0.0]) / 100
-    odds = BIAS + BY_CENTRE * _log_odds(one.peak.upright) + BY_POSE * _log_odds(float(shares[one.peak.kind]))
-    return _Standing(one.peak, one.place_m + way, one.yaw_rad + turn, 1.0 / (1.0 + math.exp(-odds)))
+    odds = BIAS + BY_CENTRE * _log_odds(stance.peak.upright) + BY_POSE * _log_odds(float(shares[stance.peak.kind]))
+    return _Standing(stance.peak, stance.place_m + way, stance.yaw_rad + turn, 1.0 / (1.0 + math.exp(-odds)))
 
 
 def _log_odds(share: float) -> float:

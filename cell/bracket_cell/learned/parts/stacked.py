@@ -85,7 +85,9 @@ class StackReader:
         )
         told = []
         for number, (kind, place, yaw) in enumerate(zip(kinds, places_m, yaws_rad, strict=True)):
-            on_top, carrying = (float(one) for one in 1.0 / (1.0 + np.exp(-answer["stacked"][number].astype(float))))
+            on_top, carrying = (
+                float(value) for value in 1.0 / (1.0 + np.exp(-answer["stacked"][number].astype(float)))
+            )
             known = kind < len(self._kinds)
             lies = lying_pose(answer["lies"][number, kind], place, yaw, self._kinds[kind]) if known else None
             told.append(Told(on_top, carrying, lies))
@@ -99,9 +101,9 @@ def carriers(told: Sequence[Told], boxes_px: Sequence[Array]) -> list[tuple[int,
     the one that does so most probably.
     """
     found: list[tuple[int, ...]] = []
-    for b, one in enumerate(told):
+    for b, upper in enumerate(told):
         below = [a for a in range(len(told)) if a != b and _may_carry(boxes_px[a], boxes_px[b])]
-        if one.on_top < LEAST_ON_TOP or not below:
+        if upper.on_top < LEAST_ON_TOP or not below:
             found.append(())
             continue
         likely = max(below, key=lambda a: told[a].carrying)

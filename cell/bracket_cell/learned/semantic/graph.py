@@ -53,7 +53,7 @@ class Layout:
         """The layout of a product."""
         parts = tuple(product.parts)
         placed = [product.goal_placements(goal) for goal in product.goals]
-        types = [[parts.index(one[at]) if at in one else EMPTY for at in product.positions] for one in placed]
+        types = [[parts.index(goal[at]) if at in goal else EMPTY for at in product.positions] for goal in placed]
         most = [product.most[part] for part in parts]
         choices, limits = tuple(product.goals.values()), product.goal_quantities
         return Layout(parts, product.positions, tuple(product.goals), np.array(types), np.array(most), choices, limits)

@@ -99,7 +99,7 @@ class Hypotheses:
                     listed = list(found)
                 else:
                     averaged.append(goal)
-            rows += [_shares(one, numbers) for one in listed]
+            rows += [_shares(arrangement, numbers) for arrangement in listed]
             owners += [number] * len(listed)
         return Hypotheses(np.array(owners), np.array(rows), tuple(averaged))
 

@@ -188,8 +188,8 @@ class UnknownGoal:
         """
         total, still_open = 0.0, np.zeros(len(reported) + 1)
         for share, bag in self._shares:
-            one, open_ones = self._of_bag(reported, bag)
-            total, still_open = total + share * one, still_open + share * open_ones
+            likelihood, open_ones = self._of_bag(reported, bag)
+            total, still_open = total + share * likelihood, still_open + share * open_ones
         if self.any_share:
             k, n = sum(reported), len(reported)
             counts = np.array([comb(k, i) / n**i for i in range(k + 1)])
@@ -367,4 +367,4 @@ def approximations(some: Hypotheses, counted: ConfusionLikelihood | FactoredConf
     found = [] if counted is None else [counted.approximate]
     if some.averaged:
         found.append(f"the quantities of {', '.join(some.averaged)} leave too many arrangements: slots are independent")
-    return "; ".join(one for one in found if one)
+    return "; ".join(remark for remark in found if remark)

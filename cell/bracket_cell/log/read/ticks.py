@@ -87,8 +87,8 @@ class _Pending:
     def whole(self) -> LoggedTick:
         tick, timing = self.parts["/tick"], self.parts["/timing"]
         changes = tuple(
-            StatusChange(one["path"], one["uid"], STATUSES[one["old"]], STATUSES[one["new"]], one["feedback"])
-            for one in tick["changes"]
+            StatusChange(row["path"], row["uid"], STATUSES[row["old"]], STATUSES[row["new"]], row["feedback"])
+            for row in tick["changes"]
         )
         return LoggedTick(
             number=self.number,
@@ -198,7 +198,7 @@ class TickBuilder:
             gripper=_read(GripperState, gripper),
             bench=bench,
             parts=parts,
-            troubles=tuple(Trouble(**one) for one in fields.get("troubles", ())),
+            troubles=tuple(Trouble(**trouble) for trouble in fields.get("troubles", ())),
             late_s=fields.get("late_s", 0.0),
             acknowledged=fields.get("acknowledged", False),
             operator=_adapter(OperatorState).validate_python(fields.get("operator", NOBODY)),
@@ -207,7 +207,7 @@ class TickBuilder:
             holding_faults=tuple(fields.get("held_by", ())),
             work_s=fields.get("work_s"),
         )
-        inputs = tuple((kind, one) for kind, one in self._outside if one["tick"] <= number)
+        inputs = tuple((kind, answer) for kind, answer in self._outside if answer["tick"] <= number)
         self._outside = self._outside[len(inputs) :]
         self._pending = _Pending(number, observation, inputs)
 
@@ -225,7 +225,7 @@ class TickBuilder:
     def _add(self, topic: str, fields: dict[str, Any]) -> None:
         number = fields.pop("tick")
         if topic == "/judgement":
-            fields["reasons"] = [_reason(one) for one in fields["reasons"]]
+            fields["reasons"] = [_reason(reason) for reason in fields["reasons"]]
         if self._pending is None or number != self._pending.number:
             if self.lossy:
                 return  # of a tick that lost its beginning: it counts as missing
@@ -261,9 +261,9 @@ def _read(kind: Any, fields: Any) -> Any:
     return _adapter(kind).validate_python(with_nulls(kind, fields))
 
 
-def _reason(one: Any) -> dict[str, str]:
+def _reason(reason: Any) -> dict[str, str]:
     """A reason of a judgement; older logs have pairs."""
-    return one if isinstance(one, dict) else {"signal": one[0], "words": one[1]}
+    return reason if isinstance(reason, dict) else {"signal": reason[0], "words": reason[1]}
 
 
 @cache

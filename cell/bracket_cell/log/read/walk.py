@@ -200,8 +200,8 @@ class McapScanner:
         if (opcode == Opcode.HEADER and not first) or (self._strict and first and opcode != Opcode.HEADER):
             raise Damage("the first record, and no other, is a header")
         if opcode == Opcode.CHUNK:
-            for one in self._chunk(body):
-                self._take(*one)
+            for inner in self._chunk(body):
+                self._take(*inner)
         elif opcode in BESIDE:
             record = parse(opcode, body)
             self.kept[BESIDE[Opcode(opcode)]] += 1

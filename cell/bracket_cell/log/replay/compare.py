@@ -122,7 +122,7 @@ class Comparison:
     @property
     def leading(self) -> Difference | None:
         """What says most: the first other command, judgement, verdict or plan, else the first difference."""
-        return next((self.first_by_aspect[one] for one in LEADING if one in self.first_by_aspect), self.first)
+        return next((self.first_by_aspect[aspect] for aspect in LEADING if aspect in self.first_by_aspect), self.first)
 
     @property
     def identical(self) -> bool:
@@ -136,12 +136,14 @@ class Comparison:
 
     def add(self, found: Sequence[Difference]) -> list[Difference]:
         """The differences of one more tick; returns those beyond rounding, which alone are kept."""
-        differences = [one for one in found if not close(one.was, one.now)]
+        differences = [diff for diff in found if not close(diff.was, diff.now)]
         self.ticks += 1
         self.rounded_ticks += bool(found) and not differences
         self.differing_ticks += bool(differences)
         self.at_first = self.at_first or list(differences)
-        if "command" not in self.first_by_aspect and (node := next((one.node for one in differences if one.node), "")):
+        if "command" not in self.first_by_aspect and (
+            node := next((diff.node for diff in differences if diff.node), "")
+        ):
             self.command_node = node
         for difference in differences if "command" not in self.first_by_aspect else ():
             self.first_by_node.setdefault(difference.node, difference)

@@ -133,13 +133,15 @@ def _turned(comparison: Comparison) -> _Found:
 def _answered(comparison: Comparison, changed: Iterable[Change]) -> _Found:
     """A changed node that answers otherwise, and no node whose comparison turned."""
     nodes: dict[str, list[str]] = {}
-    for one in changed:
-        if one.node:
-            nodes.setdefault(one.node, []).append(str(one))
+    for change in changed:
+        if change.node:
+            nodes.setdefault(change.node, []).append(str(change))
     turned = {(turn.tick, turn.now.by) for turn in comparison.turns}
     for path, first in comparison.first_by_node.items():
         if path in nodes and (first.tick, path) not in turned:
-            was, now = (", ".join(map(str, one)) if isinstance(one, list) else one for one in (first.was, first.now))
+            was, now = (
+                ", ".join(map(str, side)) if isinstance(side, list) else side for side in (first.was, first.now)
+            )
             name = NUMBER.sub("", path)
             yield first.tick, 3, f"{_at(first)}: {name}: {was} -> {now}; changed: {', '.join(nodes[path])}"
 
@@ -195,8 +197,8 @@ def _keys(content: bytes) -> dict[str, str]:
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from _flat(one, f"{name}.{key}".strip("."))
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}".strip("."))
     else:
         yield name, str(value)
 

@@ -61,7 +61,7 @@ def upgrade(log: Log | LogStream, folder: Path) -> None:
     if not isinstance(data, dict):
         return
     own = set(map(_digest, nodes_of(log).values()))
-    named = [file.resolve() for one in data.pop("nodes", None) or () for file in python_files(str(one))]
+    named = [file.resolve() for name in data.pop("nodes", None) or () for file in python_files(str(name))]
     data["nodes"] = [str(file) for file in named if file.is_file() and _digest(file.read_bytes()) in own]
     devices = {role: device for role, device in (data.pop("devices", None) or {}).items() if role in ROLES}
     for key, role in (("gripper_can", "gripper"), ("signals", "signals")):
@@ -134,7 +134,7 @@ def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
         InputError: a file or package with nodes cannot be loaded.
     """
     name = f"{FOLDER}{log.metadata.get('tree')}"
-    files = {one: text for one, text in log.attachments.items() if one.startswith(FOLDER)}
+    files = {name: text for name, text in log.attachments.items() if name.startswith(FOLDER)}
     if name not in files:
         raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
     with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
@@ -154,7 +154,7 @@ def nodes_of(log: Log | LogStream) -> dict[str, bytes]:
 
 def nodes_missing(log: Log | LogStream, named: Iterable[str]) -> list[str]:
     """Of the nodes that a log was recorded with, those whose code is in no file that is named here."""
-    here = {_digest(file.read_bytes()) for one in named for file in python_files(one) if file.is_file()}
+    here = {_digest(file.read_bytes()) for package in named for file in python_files(package) if file.is_file()}
     return [name for name, content in nodes_of(log).items() if _digest(content) not in here]
 
 

@@ -62,9 +62,9 @@ def perceived(log: Log, configuration: Configuration, product: Product, chosen: 
 
     ticks = []
     for tick in log.ticks:
-        one = tick.observation
+        was = tick.observation
         ticks.append(
-            replace(tick, observation=replace(one, bench=again("overhead", one.bench), parts=again("wrist", one.parts)))
+            replace(tick, observation=replace(was, bench=again("overhead", was.bench), parts=again("wrist", was.parts)))
         )
     told = f"{len(lacking)} answers are those of the recording, as their images are not in the log" if lacking else ""
     return replace(log, ticks=tuple(ticks)), told

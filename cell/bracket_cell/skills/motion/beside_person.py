@@ -41,7 +41,7 @@ class BesidePerson:
             return [direct]
         found = [(takes_s, direct)]
         found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
-        return [way for _, way in sorted(found, key=lambda one: one[0])[:TRIED]]
+        return [way for _, way in sorted(found, key=lambda candidate: candidate[0])[:TRIED]]
 
     def takes_s(self, way_rad: Array, person: Person | None = None) -> tuple[float, float]:
         """How long the arm needs for a way (k, joints) at the speeds that hands allow which may come at any time.
@@ -89,7 +89,7 @@ class BesidePerson:
 
     def _middle(self, first_rad: Array, last_rad: Array) -> Array | None:
         """The joints between, without the arc that the tool makes about the base; None out of reach."""
-        first, last = (np.array(self._kinematics.forward(one).position_m) for one in (first_rad, last_rad))
+        first, last = (np.array(self._kinematics.forward(end).position_m) for end in (first_rad, last_rad))
         between_rad = (first_rad + last_rad) / 2
         x, y, z = ((first + last) / 2).tolist()
         pose = Pose((min(x, float(first[0])), y, z), self._kinematics.forward(between_rad).quaternion_wxyz)

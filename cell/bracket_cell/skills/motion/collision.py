@@ -205,9 +205,9 @@ class Scene:
             request.security_margin = margin_m
         self._near = pinocchio.BroadPhaseManager_NaiveCollisionManager(model, geometry, self._results)
         moving = [item for item in geometry.geometryObjects if item.parentJoint > 0]
-        self._places = LinkPlaces(model, [one.parentJoint for one in moving], [one.placement for one in moving])
-        self._corners = np.array([box_corners(one.geometry) for one in moving])
-        self._carried = np.array([one.parentJoint for one in moving])
+        self._places = LinkPlaces(model, [box.parentJoint for box in moving], [box.placement for box in moving])
+        self._corners = np.array([box_corners(box.geometry) for box in moving])
+        self._carried = np.array([box.parentJoint for box in moving])
         self._points = model.frames[model.getFrameId(FLANGE)].placement.rotation[:, 2]
 
     def reaches_m(self, postures_rad: Array) -> Array:

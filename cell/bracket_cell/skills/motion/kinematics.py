@@ -86,7 +86,7 @@ class Kinematics:
             joints = self.solved(world_from_tool, start)
             if joints is not None:
                 joints = self.wrapped(joints, near)
-                if all(np.abs(joints - one).max() > SAME_POSTURE_RAD for one in found):
+                if all(np.abs(joints - known).max() > SAME_POSTURE_RAD for known in found):
                     found.append(joints)
         others = [turned for joints in found for turned in self._other_turns(joints)]
         others += found[(usual is not None) :]

@@ -182,7 +182,7 @@ def _places(middle_m: float, low_m: float, high_m: float) -> list[float]:
     """Places between two ends, from the one nearest to the middle on."""
     nearest = min(max(middle_m, low_m), high_m)
     found = [nearest + PLACE_STEP_M * step for step in range(-MOST_PLACES, MOST_PLACES + 1)]
-    return sorted((one for one in found if low_m <= one <= high_m), key=lambda one: abs(one - nearest))
+    return sorted((at_m for at_m in found if low_m <= at_m <= high_m), key=lambda at_m: abs(at_m - nearest))
 
 
 def _span(kind: PartType, turn: Turn, point: Array) -> tuple[float, float] | None:

@@ -127,9 +127,9 @@ def stances(mesh: Mesh, pieces: Sequence[Mesh], settings: MotionSettings) -> tup
         tips_deg = math.degrees(math.atan2(margin_m, height_m))
         found += [_stance(mesh, pieces, turn, tips_deg, settings) for turn in _turns(mesh, down)]
     best: list[Stance] = []
-    for one in sorted(found, key=lambda stance: stance.worth, reverse=True):
-        if not any(np.allclose(one.size_m, other.size_m, atol=ALIKE_M) for other in best):
-            best.append(one)
+    for candidate in sorted(found, key=lambda stance: stance.worth, reverse=True):
+        if not any(np.allclose(candidate.size_m, other.size_m, atol=ALIKE_M) for other in best):
+            best.append(candidate)
     return tuple(best[:MOST_STANCES])
 
 

@@ -79,14 +79,14 @@ def obstacle_shapes(bench: Bench) -> tuple[Shape, ...]:
     return tuple(_obstacle(obstacle) for obstacle in bench.obstacles)
 
 
-def _obstacle(one: Obstacle) -> Shape:
-    if one.box_m is not None:
-        return Shape(one.name, WORLD, one.pose, one.box_m)
+def _obstacle(obstacle: Obstacle) -> Shape:
+    if obstacle.box_m is not None:
+        return Shape(obstacle.name, WORLD, obstacle.pose, obstacle.box_m)
     points = coal.StdVec_Vec3s()
-    for point in one.points_m:
+    for point in obstacle.points_m:
         points.append(point)
     hull = coal.Convex.convexHull(points, True, "Qt")
-    return _shape(pinocchio.GeometryObject(one.name, 0, pinocchio.SE3.Identity(), hull), WORLD)
+    return _shape(pinocchio.GeometryObject(obstacle.name, 0, pinocchio.SE3.Identity(), hull), WORLD)
 
 
 def _shape(item: pinocchio.GeometryObject, frame: str) -> Shape:

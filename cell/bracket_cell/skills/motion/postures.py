@@ -46,7 +46,7 @@ class Postures:
         self._first = int(np.argmin(self._slides))  # the first joint that turns
         pinocchio.forwardKinematics(model, self._data, np.clip(np.zeros(model.nq), *limits_rad))
         places = self._data.oMi
-        self._along = [places[one + 1].rotation @ axis_of(model, one + 1)[:3] for one in range(self._first)]
+        self._along = [places[joint + 1].rotation @ axis_of(model, joint + 1)[:3] for joint in range(self._first)]
         self.origin: Array = places[self._first + 1].translation.copy()
         self._about: Array = places[self._first + 1].rotation @ axis_of(model, self._first + 1)[3:]
         self._last: Array = model.frames[self._flange].placement.rotation.T @ axis_of(model, model.nq)[3:]
@@ -120,7 +120,7 @@ class Postures:
         """A joint turned by an angle, or by that and a whole turn where the limits ask it."""
         least, most = self._limits_rad[:, number]
         wanted = joints_rad[number] + angle + 2 * math.pi * np.array([0.0, -1.0, 1.0])
-        allowed = [one for one in wanted if least <= one <= most]
+        allowed = [turned_rad for turned_rad in wanted if least <= turned_rad <= most]
         joints: Array = np.array(joints_rad, dtype=float)
         joints[number] = min(allowed, key=abs) if allowed else np.clip(wanted[0], least, most)
         return joints
@@ -136,7 +136,7 @@ class Postures:
         outwards = out / np.maximum(far, 1e-9)[:, np.newaxis]
         sideways = np.cross(axis, outwards)
         seen = [(outwards * points).sum(axis=1), (sideways * points).sum(axis=1), points @ axis]
-        return np.column_stack([far, high, *(POINTS_M * one for one in seen)])
+        return np.column_stack([far, high, *(POINTS_M * coordinates for coordinates in seen)])
 
 
 @lru_cache(maxsize=8)
@@ -172,7 +172,7 @@ def _score(arm: Kinematics, joints_rad: Array, spots: Sequence[Pose]) -> float:
     """How many places are reached from a posture by answers of its kind; how high its links are; how free they are."""
     found = [arm.solved(spot, arm.turned_to(joints_rad, spot), QUICK) for spot in spots]
     least, width = arm.limits_rad[0], np.ptp(arm.limits_rad, axis=0)
-    rooms = [float((0.5 - np.abs((one - least) / width - 0.5)).min()) for one in found if one is not None]
+    rooms = [float((0.5 - np.abs((answer - least) / width - 0.5)).min()) for answer in found if answer is not None]
     lowest_m = float(arm.heights_m(joints_rad).min())
     return sum(room > 0.0 for room in rooms) + 2 * min(lowest_m, HIGH_M) + float(np.mean(rooms or [0.0]))
 

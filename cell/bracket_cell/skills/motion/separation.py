@@ -148,9 +148,9 @@ class SeparationMonitor:
         )
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
         corners_m = turned(self.outline.corners_m(placed))
-        known = [(one, self.outline.least_rooms(placed, corners_m, one.body, holding)) for one in persons]
+        known = [(person, self.outline.least_rooms(placed, corners_m, person.body, holding)) for person in persons]
         found, leaving = [Separation(np.inf, 1.0, 0.0)], 1.0
-        for person, rooms in ((one, of) for one, of in known if one.waited_for):
+        for person, rooms in ((who, of) for who, of in known if who.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
             least_left_m = rooms.least_m[0] - person.most_m_s(takes_s, self._mean_over_s) * takes_s
             asked = least_left_m == least_left_m.min()
@@ -225,7 +225,7 @@ class SeparationMonitor:
         if not (least := slow_m_s / float(np.maximum(speeds_m_s.max(), slow_m_s))) < 1:
             return least  # 1, or NaN: no share is known to be slow
         shares: Array = np.linspace(least, 1.0, SEPARATION.shares)
-        arrivals = [_Arrival(*one, self._off_m, self.settings) for one in known]
+        arrivals = [_Arrival(*pair, self._off_m, self.settings) for pair in known]
         braking = self._braking(path_rad)
         for count in (2, SEPARATION.shares):  # often the first share above the least is too much already
             until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]

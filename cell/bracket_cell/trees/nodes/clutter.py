@@ -91,7 +91,7 @@ class CheckGraspability(CellNode):
         index, parts = self.index.get(), self.parts.get()
         plan = self.services.solve(parts, index)
         self.tools.journal.note("plan", required=index, graspable=plan.graspable, solution=plan.text)
-        names = " ".join(parts.seen[one].part for one in parts.on_top(index))
+        names = " ".join(parts.seen[upper].part for upper in parts.on_top(index))
         self.feedback_message = f"{names} on it" if names else f"graspable with probability {plan.graspable:.2f}"
         return Status.SUCCESS if self.compare(plan.graspable, ">=", self.threshold) else Status.FAILURE
 

@@ -75,7 +75,7 @@ class ForEachPart(ForEach):
 
     def begin(self, item: Any) -> None:
         done = self._items[: self._round]
-        left = tuple(seen for seen in self._view.detections if not any(seen is one for one in done))
+        left = tuple(seen for seen in self._view.detections if not any(seen is earlier for earlier in done))
         self.parts.set(replace(self._view, detections=left))
         self.index.set(next(number for number, seen in enumerate(left) if seen is item))
         self.part.set(Part(item.part))

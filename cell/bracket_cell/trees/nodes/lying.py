@@ -70,11 +70,11 @@ class FindLying(CellNode):
         self.feedback_message = f"{view.seen[number].part} lies there"
         return Status.SUCCESS
 
-    def _turned_in_vain(self, one: PartDetection) -> bool:
-        turned = self.memory.turned.get(one.part, 0)
+    def _turned_in_vain(self, detection: PartDetection) -> bool:
+        turned = self.memory.turned.get(detection.part, 0)
         if self.compare(turned, "<", self.turns):
             return False
-        title = self.tools.product.title(one.part)
+        title = self.tools.product.title(detection.part)
         self.memory.failed(
             Message("I turned the {title} {turned} times, and still see it lie on its side", title=title, turned=turned)
         )
@@ -142,6 +142,6 @@ class PickLying(TakesLying):
         return lying.PickLying(self.tools.motion, self._target, self.memory.standing)
 
 
-def _place(one: PartDetection) -> tuple[float, float]:
-    x, y, _ = one.world_from_part.position_m
+def _place(detection: PartDetection) -> tuple[float, float]:
+    x, y, _ = detection.world_from_part.position_m
     return x, y

@@ -191,7 +191,7 @@ def _plain(name: str, value: object) -> object:
             "quaternion_wxyz": value.pose.quaternion_wxyz,
         }
     if isinstance(value, list | tuple):
-        return [_plain(name, one) for one in value]
+        return [_plain(name, item) for item in value]
     if isinstance(value, bool | int | str):
         return value
     if isinstance(value, float) and value == value and abs(value) != float("inf"):

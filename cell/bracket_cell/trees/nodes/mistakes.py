@@ -112,8 +112,8 @@ def reason_of(product: Product, mistakes: Mistakes) -> str:
 
 def todo_of(mistakes: Mistakes) -> str:
     """What the person should do."""
-    one, several = TODO[mistakes[0].kind]
-    return one if len(mistakes) == 1 else several
+    single, several = TODO[mistakes[0].kind]
+    return single if len(mistakes) == 1 else several
 
 
 def _listed(names: list[str]) -> str:

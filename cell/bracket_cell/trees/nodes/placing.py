@@ -129,7 +129,7 @@ class VerifyPlacement(CellNode):
         late = self._seen_since_s is not None and self.compare(now_s - self._seen_since_s, ">", self.timeout_s)
         if not late and self.compare(now_s - self._begun_s, "<=", self.hidden_s):
             return Status.RUNNING
-        self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
+        self.memory.let_go = {at: part for at, part in self.memory.let_go.items() if at != position}
         self.memory.fingers_doubted = True
         return Status.FAILURE
 
@@ -145,7 +145,7 @@ class RecordPlacement(CellNode):
         part, position = self.part.get(), self.position.get()
         state = self.state.get()
         by_robot = {**state.by_robot, position: part}
-        self.memory.let_go = {at: one for at, one in self.memory.let_go.items() if at != position}
+        self.memory.let_go = {at: part for at, part in self.memory.let_go.items() if at != position}
         self.state.set(replace(state.with_placement(part, position), by_robot=by_robot))
         self.now.show(message=Message("placed {part} at {position}", part=part, position=position))
         self.tools.journal.note("belief", edge=[part, position], source="robot")

@@ -59,7 +59,7 @@ class Tick:
 
     def withdraw(self, question: Question) -> None:
         """Ask no longer."""
-        self.show(questions=tuple(one for one in self.display.questions if one.number != question.number))
+        self.show(questions=tuple(shown for shown in self.display.questions if shown.number != question.number))
 
 
 class Policies(Protocol):

@@ -125,11 +125,11 @@ class Builder:
         tag = node_tag(element)
         values = {key: attribute.value for key, attribute in element.attributes.items()}
         self.origins.append(Origin(tag, values))
-        self.places.append({"": element.place, **{key: one.place for key, one in element.attributes.items()}})
+        self.places.append({"": element.place, **{key: value.place for key, value in element.attributes.items()}})
         label = tag if tag != "SubTree" else element.get("ID") or ""
         name = element.get("name") or label
         path = f"{scope.name}/{name}" if scope.name else name
-        if element.get("name") is None or (tag == "SubTree" and any(path == one.name for one in self.scopes)):
+        if element.get("name") is None or (tag == "SubTree" and any(path == scope.name for scope in self.scopes)):
             path += f"::{uid}"  # SubTrees of one name beside each other have blackboards of their own
         if element.broken:
             node = self._stub(element, name, scope)

@@ -25,7 +25,7 @@ _FORBIDDEN = re.compile(r"""[\x00-\x20\x7f<>&"'/\\:*?|.]""")  # in names; `valid
 
 def is_near(word: str, legal: Iterable[str]) -> bool:
     """Whether a word is written much like a legal one."""
-    return bool(difflib.get_close_matches(word.lower(), [one.lower() for one in legal], n=1, cutoff=0.6))
+    return bool(difflib.get_close_matches(word.lower(), [known.lower() for known in legal], n=1, cutoff=0.6))
 
 
 def hint(word: str, legal: Iterable[str], all_of_them: str = "") -> str:

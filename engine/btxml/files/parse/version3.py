@@ -88,9 +88,9 @@ class _Converter:
 
     def _attributes(self, found: re.Match[str], node: str) -> str:
         start, written = found.start(), found[3]
-        pairs = {one[2]: one[4][1:-1] for one in _ATTRIBUTE.finditer(written)}
+        pairs = {found[2]: found[4][1:-1] for found in _ATTRIBUTE.finditer(written)}
         if node == "root":
-            rest = _ATTRIBUTE.sub(lambda one: "" if one[2] == "BTCPP_format" else one[0], written)
+            rest = _ATTRIBUTE.sub(lambda found: "" if found[2] == "BTCPP_format" else found[0], written)
             return f' BTCPP_format="{FORMAT}"{rest}'
         if node in GONE:
             self._lose(start, f"version 4 has no {node}", GONE[node])
@@ -103,7 +103,7 @@ class _Converter:
         if list(new.items()) == list(pairs.items()):
             return written
         if new.keys() == pairs.keys():  # the values alone are other ones
-            return _ATTRIBUTE.sub(lambda one: f"{one[1]}{one[2]}{one[3]}{_quoted(new[one[2]])}", written)
+            return _ATTRIBUTE.sub(lambda found: f"{found[1]}{found[2]}{found[3]}{_quoted(new[found[2]])}", written)
         lead = _ATTRIBUTE.match(written)
         return "".join(f"{lead[1] if lead else ' '}{key}={_quoted(value)}" for key, value in new.items())
 

@@ -41,8 +41,8 @@ class Message(str):
 def listed(messages: list[str], mark: str = "; ") -> str:
     """Several messages as one, joined by a mark."""
     joined, *rest = messages or [""]
-    for one in rest:
-        joined = Message(f"{{first}}{mark}{{second}}", first=joined, second=one)
+    for message in rest:
+        joined = Message(f"{{first}}{mark}{{second}}", first=joined, second=message)
     return joined
 
 

@@ -286,9 +286,9 @@ def _data_share(asked: Training) -> float:
     return ACTION_DATA if asked.kind in ("slim", "track") or asked.tracker else VGG16_DATA
 
 
-def _recording_s(one: Share) -> float:
+def _recording_s(share: Share) -> float:
     """Processor time of a recording."""
-    return ACTION_TRACKED_S if one.tracker else ACTION_PHYSICS_S if one.physics else ACTION_S
+    return ACTION_TRACKED_S if share.tracker else ACTION_PHYSICS_S if share.physics else ACTION_S
 
 
 def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Path], Path]:

@@ -76,19 +76,19 @@ def made(
     """
     unseen = weights.with_suffix(".validation")
     wanted: dict[Path, tuple[dict[str, object], tuple[str, ...]]] = {}
-    for one in () if asked.data and not asked.simulated else shares:
-        of_share = max(1, round(one.share * count)) if not piece else round(one.share * count)
+    for share in () if asked.data and not asked.simulated else shares:
+        of_share = max(1, round(share.share * count)) if not piece else round(share.share * count)
         for first in range(0, of_share, piece or of_share):
             end = min(first + (piece or of_share), of_share)
-            told = [*["physics"] * one.physics, *[one.tracker or ""] * bool(one.tracker)]
-            name = "-".join([Path(one.look).stem, *told, *[f"{first:06d}"] * bool(piece)])
-            of_seeds = {"--look": one.look, "--seeds": f"{one.first_seed + first}:{one.first_seed + end}"}
+            told = [*["physics"] * share.physics, *[share.tracker or ""] * bool(share.tracker)]
+            name = "-".join([Path(share.look).stem, *told, *[f"{first:06d}"] * bool(piece)])
+            of_seeds = {"--look": share.look, "--seeds": f"{share.first_seed + first}:{share.first_seed + end}"}
             given = {**of_seeds, **(options or {}), "--config": asked.config}
-            wanted[weights.with_suffix(".data") / name] = given, (*flags, *one.flags)
+            wanted[weights.with_suffix(".data") / name] = given, (*flags, *share.flags)
     scored = {unseen: _validation(asked, validation)} if validation else {}
     require_usable(*wanted, *scored)
     of_scores = (*flags, *[f"--tracker={asked.tracker}"] * bool(asked.tracker))
-    for folder, (given, words) in {**{key: (one, of_scores) for key, one in scored.items()}, **wanted}.items():
+    for folder, (given, words) in {**{key: (rows, of_scores) for key, rows in scored.items()}, **wanted}.items():
         make_data(what, folder, given, *words)
     return [*(asked.data or ()), *wanted], unseen
 

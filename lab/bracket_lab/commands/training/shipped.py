@@ -240,7 +240,7 @@ def _own(section: str, usual: Mapping[str, str], out: Path, config: Path) -> lis
     each = []
     for name, kind in usual.items():
         kinds = (kind, PAPERS.get(name, kind))
-        found = next((one for one in kinds if (out / weights_file(name, one)).exists()), None)
+        found = next((kind for kind in kinds if (out / weights_file(name, kind)).exists()), None)
         if found is not None:
             weights = told_in(config, out / weights_file(name, found))
             each.append(f"  {name}: {{kind: {found}, weights: {weights}}}")

@@ -244,7 +244,9 @@ def data_app(film: Film | None = None) -> typer.Typer:
     """
     app = typer.Typer(no_args_is_help=True)
     for name, data_set in DATA_SETS.items():
-        options = [one for one in (*data_set.common, *data_set.options) if film is not None or one != "beside_robot"]
+        options = [
+            option for option in (*data_set.common, *data_set.options) if film is not None or option != "beside_robot"
+        ]
         make = command_from(Data, *options)(partial(write_data, name=name, film=film))
         app.command(name, help=data_set.help)(make)
     return app
@@ -254,14 +256,14 @@ def write_data(asked: Data, *, name: str, film: Film | None) -> None:
     """Write a data set into a new folder."""
     data_set, numbers = DATA_SETS[name], seeds_of(asked.seeds)
     split, _ = seeds(numbers.start, len(numbers))
-    one = data_set.maker(asked, film)
+    make = data_set.maker(asked, film)
     began_s, simulated_s = time.process_time(), 0.0
     with whole_folder(asked.out) as partial_folder:
         folder = DataFolder(partial_folder, _command(name, asked))
         if asked.workers == 1 and asked.scheduler is None:
-            lengths = (one(seed, folder) for seed in numbers)
+            lengths = (make(seed, folder) for seed in numbers)
         else:
-            pieces = mapped(partial(_piece, one), ((seed,) for seed in numbers), asked.workers, asked.scheduler)
+            pieces = mapped(partial(_piece, make), ((seed,) for seed in numbers), asked.workers, asked.scheduler)
             lengths = (_added(folder, *piece) for piece in pieces)
         for length_s in track(lengths, description=name, console=console(), total=len(numbers)):
             simulated_s += length_s or 0.0
@@ -288,10 +290,10 @@ def _command(name: str, asked: Data) -> str:
     return f"cell lab data {name} {' '.join(told)}"
 
 
-def _piece(one: One, seed: int) -> tuple[DataPiece, float | None]:
+def _piece(make: One, seed: int) -> tuple[DataPiece, float | None]:
     """What one recording gives, in a worker."""
     piece = DataPiece()
-    return piece, one(seed, piece)
+    return piece, make(seed, piece)
 
 
 def _added(folder: DataFolder, piece: DataPiece, length_s: float | None) -> float | None:

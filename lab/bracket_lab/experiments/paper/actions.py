@@ -104,7 +104,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 continue
             line: dict[str, Any] = {"kind": kind, "control": control, "splits": len(told)}
             for name in MEASURES:
-                mean, half = student([one[name][0] / max(1, one[name][1]) for one in told])
+                mean, half = student([row[name][0] / max(1, row[name][1]) for row in told])
                 line[name] = [round(mean, 4), round(half, 4)]
             found.append(line)
     return found
@@ -113,21 +113,21 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def shares(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Means over the splits with their intervals, by kind and measure, and the trivial ones; without the controls."""
     found = summary(rows)
-    trivial = {(one["kind"], name): one[name][0] for one in found if one["control"] == COMMONEST for name in MEASURES}
+    trivial = {(row["kind"], name): row[name][0] for row in found if row["control"] == COMMONEST for name in MEASURES}
     return {
-        one["kind"]: {
+        row["kind"]: {
             name: {
                 "share": mean,
                 "low": max(0.0, mean - half),
                 "high": min(1.0, mean + half),
-                "n": f"{one['splits']} splits",
-                "trivial": trivial.get((one["kind"], name)),
+                "n": f"{row['splits']} splits",
+                "trivial": trivial.get((row["kind"], name)),
             }
             for name in MEASURES
-            for mean, half in [one[name]]
+            for mean, half in [row[name]]
         }
-        for one in found
-        if not one["control"]
+        for row in found
+        if not row["control"]
     }
 
 
@@ -137,7 +137,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "| network | control | splits | all segments | outside the guard band | assemblies |",
         "|---|---|---|---|---|---|",
     ]
-    for one in summary(rows):
-        shares = (f"{one[name][0]:.3f} +- {one[name][1]:.3f}" for name in MEASURES)
-        lines.append(f"| {NAMES[one['kind']]} | {one['control']} | {one['splits']} | {' | '.join(shares)} |")
+    for row in summary(rows):
+        shares = (f"{row[name][0]:.3f} +- {row[name][1]:.3f}" for name in MEASURES)
+        lines.append(f"| {NAMES[row['kind']]} | {row['control']} | {row['splits']} | {' | '.join(shares)} |")
     return "\n".join(lines)

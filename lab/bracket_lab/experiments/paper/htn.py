@@ -69,7 +69,7 @@ class HtnPlanner:
             belief = dict.fromkeys(self._plans, 0.0) | {UNKNOWN_GOAL: 1.0}
             return AssemblyPlan(belief, {}, None, dict.fromkeys(self._product.parts, ()))
         belief = {goal: (goal in fits) / len(fits) for goal in self._plans} | {UNKNOWN_GOAL: 0.0}
-        left = {goal: [one for one in self._plans[goal] if one not in done] for goal in fits}
+        left = {goal: [step for step in self._plans[goal] if step not in done] for goal in fits}
         first = left[fits[0]]
         guidance = {part: tuple(at for kind, at in first if kind == part) for part in self._product.parts}
         return AssemblyPlan(belief, _shares(left), first[0][0] if first else None, guidance)
@@ -79,6 +79,6 @@ def _shares(left: Mapping[str, list[Placement]]) -> dict[Placement, float]:
     """How many of the goals that fit still want each placement."""
     found: dict[Placement, float] = {}
     for plan in left.values():
-        for one in plan:
-            found[one] = found.get(one, 0.0) + 1 / len(left)
+        for step in plan:
+            found[step] = found.get(step, 0.0) + 1 / len(left)
     return found

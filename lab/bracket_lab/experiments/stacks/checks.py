@@ -98,39 +98,43 @@ def faults(scene: StackedScene, where: Where, classes: Sequence[str] | None) -> 
     yield from _cycle_faults(scene, where)
 
 
-def _box_faults(scene: StackedScene, one: StackedObject, place: Place) -> Iterator[Problem]:
-    left, top, right, bottom = one.box_px
+def _box_faults(scene: StackedScene, thing: StackedObject, place: Place) -> Iterator[Problem]:
+    left, top, right, bottom = thing.box_px
     width, height = scene.size_px
     if not (left < right and top < bottom):
-        yield Problem(place, f"the box of object {one.index} is empty: {_told(one)}", "left < right and top < bottom")
+        yield Problem(
+            place, f"the box of object {thing.index} is empty: {_told(thing)}", "left < right and top < bottom"
+        )
     if min(left, top) < -BORDER_PX or right > width + BORDER_PX or bottom > height + BORDER_PX:
-        what = f"the box of object {one.index} is outside the picture of {width} x {height} pixels: {_told(one)}"
+        what = f"the box of object {thing.index} is outside the picture of {width} x {height} pixels: {_told(thing)}"
         yield Problem(place, what)
 
 
-def _told(one: StackedObject) -> str:
-    return " ".join(f"{value:g}" for value in one.box_px)
+def _told(thing: StackedObject) -> str:
+    return " ".join(f"{value:g}" for value in thing.box_px)
 
 
-def _link_faults(scene: StackedScene, one: StackedObject, place: int, where: Where) -> Iterator[Problem]:
+def _link_faults(scene: StackedScene, thing: StackedObject, place: int, where: Where) -> Iterator[Problem]:
     """Fathers and children must be there, and name each other."""
     others = {other.index: other for other in scene.objects}
     sides: tuple[tuple[Part, tuple[int, ...], str, str], ...] = (
-        ("fathers", one.fathers, "father", "child"),
-        ("children", one.children, "child", "father"),
+        ("fathers", thing.fathers, "father", "child"),
+        ("children", thing.children, "child", "father"),
     )
     for part, named, said, back in sides:
         for number in named:
-            if number == one.index:
+            if number == thing.index:
                 yield Problem(where(place, part), f"object {number} is its own {said}")
             elif number not in others:
                 legal = f"there are {', '.join(map(str, sorted(others)))}"
-                yield Problem(where(place, part), f"object {one.index} has {said} {number}, which is not there", legal)
-            elif one.index not in (others[number].children if said == "father" else others[number].fathers):
-                what = f"object {one.index} has {said} {number}, but {number} does not have {back} {one.index}"
+                yield Problem(
+                    where(place, part), f"object {thing.index} has {said} {number}, which is not there", legal
+                )
+            elif thing.index not in (others[number].children if said == "father" else others[number].fathers):
+                what = f"object {thing.index} has {said} {number}, but {number} does not have {back} {thing.index}"
                 yield Problem(where(place, part), what, "both sides of a relation are written")
         if repeated := sorted({number for number in named if named.count(number) > 1}):
-            yield Problem(where(place, part), f"object {one.index} names {said} {repeated[0]} twice")
+            yield Problem(where(place, part), f"object {thing.index} names {said} {repeated[0]} twice")
 
 
 def _cycle_faults(scene: StackedScene, where: Where) -> Iterator[Problem]:
@@ -159,7 +163,7 @@ def children_first(scene: StackedScene, wanted: int) -> list[int]:
     above, objects = above_of(scene), {item.index: item for item in scene.objects}
     left, order = set(above[wanted]), list[int]()
     while left:
-        free = min((one for one in left if not above[one] & left), key=lambda one: objects[one].box_px)
+        free = min((at for at in left if not above[at] & left), key=lambda at: objects[at].box_px)
         order.append(free)
         left.remove(free)
     return order

@@ -105,7 +105,7 @@ def train_detector(
     schedule = settings.detector
     network.train()
     body = list(network.backbone.body.parameters())
-    heads = [one for name, one in network.named_parameters() if not name.startswith("backbone.body.")]
+    heads = [weights for name, weights in network.named_parameters() if not name.startswith("backbone.body.")]
     groups: list[dict[str, Any]] = [{"params": body, "lr": schedule.peak_rate * BODY_RATE}, {"params": heads}]
     optimiser = torch.optim.AdamW(groups, schedule.peak_rate, weight_decay=schedule.weight_decay)
     batches = max(1, len(scenes) // schedule.batch)

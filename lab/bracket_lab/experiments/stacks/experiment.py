@@ -102,7 +102,7 @@ def _planner(study: Study, kind: str, count: int, counts: tuple[int, ...]) -> St
         return Topmost() if kind == "topmost" else Always()
     training = _examples(study, "true", counts)[count][1]
     turned = _turned(study)
-    both = [each for one in training for each in (one.truth, turned[one.truth.scene.name])]
+    both = [each for sample in training for each in (sample.truth, turned[sample.truth.scene.name])]
     settings = study.settings.model_copy(update={"classes": study.data.classes[:count]}).fit_to(len(training))
     return train_planner(kind, both, study.seed, settings, quiet=False)  # type: ignore[arg-type]
 
@@ -125,8 +125,8 @@ def alike(pictures: Mapping[int, Sequence[Seen]], seed: int) -> dict[int, list[S
     rng = np.random.default_rng([seed, 24])
     by_size: dict[int, defaultdict[int, list[Seen]]] = {key: defaultdict(list) for key in pictures}
     for key, some in pictures.items():
-        for one in some:
-            by_size[key][len(one.truth.view.names)].append(one)
+        for sample in some:
+            by_size[key][len(sample.truth.view.names)].append(sample)
     least = Counter({size: min(len(by_size[key][size]) for key in pictures) for size in (1, *OBJECTS)})
     return {
         key: [some[place] for size, some in sorted(sizes.items()) for place in _some(len(some), least[size], rng)]

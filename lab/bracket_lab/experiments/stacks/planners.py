@@ -50,7 +50,7 @@ class RelationPlanner:
             above = ((above + above @ above) > 0).astype(int)
         left, order = set(np.flatnonzero(above[required]).tolist()) - {required}, list[int]()
         while left:
-            free = min(left, key=lambda one: (sum(above[one, other] for other in left if other != one), one))
+            free = min(left, key=lambda at: (sum(above[at, other] for other in left if other != at), at))
             order.append(free)
             left.remove(free)
         return plan_of(view, 0.0 if order else 1.0, order)
@@ -161,14 +161,14 @@ def _meant(view: StackView, said: Sequence[str], required: int) -> list[int]:
     """An object of each class that is named, but for the wanted one."""
     meant: list[int] = []
     for name in said:
-        left = [one for one, other in enumerate(view.names) if other == name and one not in (required, *meant)]
+        left = [at for at, other in enumerate(view.names) if other == name and at not in (required, *meant)]
         meant += left[:1]
     return meant
 
 
 def plan_of(view: StackView, graspable: float, order: Sequence[int]) -> GraspPlan:
     """A plan in the paper's words."""
-    names = [view.names[one] for one in order]
+    names = [view.names[at] for at in order]
     text = f"move {' and '.join(names)}" if names else "grasp" if graspable >= 0.5 else "help"
     return GraspPlan(graspable, tuple(order), not names and graspable < 0.5, text)
 
@@ -187,7 +187,7 @@ def train_planner(
     def losses(_: int) -> Iterator[Tensor]:
         for chosen in np.array_split(rng.permutation(len(examples))[: batches * schedule.batch], batches):
             some = [examples[index] for index in chosen.tolist()]
-            batch, answers = batch_of([one.view for one in some], settings.classes), answers_of(some)
+            batch, answers = batch_of([row.view for row in some], settings.classes), answers_of(some)
             yield _word_loss(network, batch, answers) if isinstance(network, WordNet) else network.loss(batch, answers)
 
     network.train()
@@ -227,7 +227,7 @@ def _sentences(order: Tensor, batch: Batch) -> Tensor:
     kinds = batch.labels.argmax(-1)
     words = torch.full((len(order), MAX_WORDS), END)
     for row, taken in enumerate(order.tolist()):
-        named = [FIRST_TYPE + int(kinds[row, one]) for one in taken if one >= 0][: MAX_WORDS - 1]
+        named = [FIRST_TYPE + int(kinds[row, at]) for at in taken if at >= 0][: MAX_WORDS - 1]
         words[row, 0] = MOVE if named else GRASP
         words[row, 1 : 1 + len(named)] = torch.tensor(named, dtype=torch.long)
     return words

@@ -54,9 +54,9 @@ def matched(picture: Seen) -> list[int | None]:
     match: list[int | None] = [None] * len(truth.names)
     for found in range(len(view.names)):  # the surest detection first
         fits = [
-            one
-            for one, name in enumerate(truth.names)
-            if name == view.names[found] and shares[one, found] > LEAST_IOU and one not in taken
+            at
+            for at, name in enumerate(truth.names)
+            if name == view.names[found] and shares[at, found] > LEAST_IOU and at not in taken
         ]
         if fits:
             best = max(fits, key=lambda fit: float(shares[fit, found]))
@@ -115,7 +115,7 @@ def names_what_lies_on(text: str, truth: Labelled, wanted: int) -> bool:
     said = text.removeprefix("move ").split(" and ") if text.startswith("move ") else []
     left = set(np.flatnonzero(truth.above[wanted]).tolist())
     for name in said:
-        free = [one for one in left if truth.view.names[one] == name and not truth.above[one, list(left)].any()]
+        free = [at for at in left if truth.view.names[at] == name and not truth.above[at, list(left)].any()]
         if not free:
             return False
         left.remove(free[0])

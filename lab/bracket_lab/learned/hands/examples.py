@@ -35,7 +35,7 @@ def finder_batch(data: HandData, rows: NDArray[np.int64], rng: np.random.Generat
     score, offset, weight = (torch.from_numpy(finder_target) for finder_target in finder_targets(data, rows, turns))
     batch = {"image": image, "score": score, "offset": offset, "weight": weight}
     if mirrored_all:
-        batch = {name: one.flip(-1) for name, one in batch.items()}
+        batch = {name: values.flip(-1) for name, values in batch.items()}
         batch["offset"][:, 0] = 1 - batch["offset"][:, 0]
     return batch
 

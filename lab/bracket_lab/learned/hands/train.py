@@ -64,7 +64,7 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     """The weighted sum of all losses; only presence where there is no hand."""
     with short_numbers():  # points and sizes need more digits than what is seen
         seen = network.maps(batch["region"], batch["around"])
-    deep, fine, heat, around = (one.float() for one in seen)
+    deep, fine, heat, around = (layer.float() for layer in seen)
     points, facts = network.tell(deep, fine, heat, around, batch["place"])
     told = split_facts(facts)
     hand = batch["facts"][:, 0] > 0
@@ -94,7 +94,7 @@ def refiner_loss(network: Refiner, batch: Mapping[str, Tensor]) -> Tensor:
     """The weighted sum of the losses of points, heatmaps and size."""
     with short_numbers():  # points and sizes need more digits than what is seen
         seen = network.maps(batch["closeup"])
-    maps = Maps(*(one.float() for one in seen))
+    maps = Maps(*(layer.float() for layer in seen))
     told = network.tell(maps, batch["place"])
     wanted = torch.nan_to_num(batch["points"])
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2)
@@ -291,8 +291,8 @@ def _recipe(
         seed = training.seed, which, epoch
         order = drawn(np.random.default_rng(seed))
         chosen = [np.sort(order[start : start + BATCH]) for start in range(0, batches * BATCH, BATCH)]
-        for one in Epoch(chosen, partial(batch, data), seed).batches():
-            yield loss(network, one)
+        for inputs in Epoch(chosen, partial(batch, data), seed).batches():
+            yield loss(network, inputs)
 
     return Recipe(
         kind=kind,

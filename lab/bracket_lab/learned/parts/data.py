@@ -67,7 +67,7 @@ def load_scenes(folders: Sequence[Path], product: Product) -> list[Scene]:
     def labelled(still: Still, row: TrayRow) -> Scene:
         for number, entry in enumerate(row.parts):
             one_of(f"parts.{number}: no part", entry.part, (*product.parts, UNKNOWN))
-            if wrong := [one for one in entry.on if not 0 <= one < len(row.parts) or one == number]:
+            if wrong := [below for below in entry.on if not 0 <= below < len(row.parts) or below == number]:
                 raise ValueError(f"parts.{number}.on: {wrong} are no numbers of other parts")
         seen = {number: entry for number, entry in enumerate(row.parts) if entry.whole_box_px}
         number_of = {number: label for label, number in enumerate(seen)}

@@ -128,7 +128,7 @@ def judge(scene: Scene, answers: Sequence[PartDetection], product: Product, find
     if any(label.pose is None for label in scene.labels):
         return  # of a person's own pictures boxes are known, and no poses
     for name, kind in product.parts.items():
-        _poses([one for one in scene.labels if one.part == name and one.upright and one.shown >= LEAST_SHOWN],
+        _poses([label for label in scene.labels if label.part == name and label.upright and label.shown >= LEAST_SHOWN],
                [answer for answer in answers if answer.part == name and answer.upright],
                kind.alike_after_half_turn, findings)  # fmt: skip
 
@@ -174,7 +174,7 @@ def average_precision(found: Sequence[tuple[float, bool]], count: int) -> float:
     """Area under precision over recall, precision made monotone (PASCAL VOC 2010 and later)."""
     if count == 0:
         return math.nan
-    right = np.array([good for _, good in sorted(found, key=lambda one: -one[0])], float)
+    right = np.array([good for _, good in sorted(found, key=lambda pair: -pair[0])], float)
     hits = np.cumsum(right)
     precision = hits / np.arange(1, len(right) + 1)
     precision = np.maximum.accumulate(precision[::-1])[::-1]

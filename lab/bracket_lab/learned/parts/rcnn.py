@@ -169,7 +169,7 @@ def differences(found: Answers, expected: Answers) -> Iterator[tuple[str, float]
         if len(used):
             overlap = box_iou(used, beside).max(dim=1).values if len(beside) else torch.zeros(1)
             yield "boxes", float(1 - overlap.min())
-    ranked = (np.sort(one[shares], axis=0)[::-1][:REGIONS] for one in (found, expected))
+    ranked = (np.sort(scores[shares], axis=0)[::-1][:REGIONS] for scores in (found, expected))
     yield shares, float(np.abs(np.subtract(*ranked)).max())
     if "features" in expected:
         most = float(np.abs(expected["features"]).max())
@@ -206,7 +206,7 @@ def _batch(
             image = image.flip(1)
             target["boxes"][:, [1, 3]] = INPUT_PX[1] - target["boxes"][:, [3, 1]]
         images.append(image.to(device))
-        wanted.append({name: one.to(device) for name, one in target.items()})
+        wanted.append({name: value.to(device) for name, value in target.items()})
     return images, wanted
 
 

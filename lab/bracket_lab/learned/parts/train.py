@@ -64,7 +64,7 @@ def centre_recipe(
     def loss(chosen: list[Scene]) -> Tensor:
         samples = [sample(scene, types, floor_m, rng, SCALES if poses else PHOTOGRAPHS) for scene in chosen]
         image, heat, further, weights = (
-            torch.from_numpy(np.stack([getattr(one, name) for one in samples]))
+            torch.from_numpy(np.stack([getattr(row, name) for row in samples]))
             for name in ("image", "heat", "further", "weights")
         )
         with short_numbers():

@@ -132,14 +132,14 @@ def train_stacked(
     recipe.fit(task)
     shown = [stack_sample(thing, product, settings, rng).crop for thing in things[:: max(1, len(things) // SHOWN)]]
     samples: list[Inputs] = [{"crops": np.stack(shown[:count])} for count in (2, 1, 5)]
-    met_with: list[Inputs] = [{"crops": one[np.newaxis]} for one in shown]
+    met_with: list[Inputs] = [{"crops": crop[np.newaxis]} for crop in shown]
     outputs = ("lies", "stacked")
     return recipe.write(task, outputs, samples, lambda: facts, any_rows=True, tolerance=1e-4, met_with=met_with)
 
 
-def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.random.Generator | None) -> Sample:
+def stack_sample(thing: Thing, product: Product, settings: StackTraining, rng: np.random.Generator | None) -> Sample:
     """A crop, a little off and in other light; without a generator where the centre net supposes the thing."""
-    place, yaw, scene = one.place_m, one.yaw_rad, one.scene
+    place, yaw, scene = thing.place_m, thing.yaw_rad, thing.scene
     if rng is not None:
         place = place + rng.normal(0, settings.off_m, 3)
         yaw = yaw + rng.normal(0, settings.off_rad) + np.pi * (rng.random() < 0.5)
@@ -148,16 +148,16 @@ def stack_sample(one: Thing, product: Product, settings: StackTraining, rng: np.
     if rng is not None:
         levels = spoiled(levels, rng, mean_level(scene.image), POOR)
     crop[:3] = levels.transpose(2, 0, 1).astype(np.float32) / 255 - np.float32(0.5)
-    parts, pose = list(product.parts.items()), one.label.pose
+    parts, pose = list(product.parts.items()), thing.label.pose
     assert pose is not None
-    name, kind = parts[one.kind] if one.kind < len(parts) else (UNKNOWN, parts[0][1])
+    name, kind = parts[thing.kind] if thing.kind < len(parts) else (UNKNOWN, parts[0][1])
     seen = Pose.from_yaw((float(place[0]), float(place[1]), float(place[2])), float(yaw)).inverse()
     middle = seen.transform(pose.transform(np.array([0.0, 0.0, kind.size_m[2] / 2])))
     turn = seen.rotation @ pose.rotation
     wanted = np.concatenate([turn[:, 0], turn[:, 1], middle * 100]).astype(np.float32)
-    posed = name == one.label.part != UNKNOWN and one.label.upright is False
-    stacked = np.array([one.on_top, one.carrying], np.float32)
-    return Sample(crop, min(one.kind, len(parts) - 1), posed, wanted, stacked)
+    posed = name == thing.label.part != UNKNOWN and thing.label.upright is False
+    stacked = np.array([thing.on_top, thing.carrying], np.float32)
+    return Sample(crop, min(thing.kind, len(parts) - 1), posed, wanted, stacked)
 
 
 def _label_of(peak: Peak, scene: Scene, turn: Array, types: tuple[str, ...]) -> int | None:

@@ -55,8 +55,8 @@ def load_stills(
     stills: list[OneStill] = []
     for folder in folders:
 
-        def made(one: AnyStillRow, folder: Path = folder) -> OneStill:
-            return labelled(_still(folder, one), one)
+        def made(row: AnyStillRow, folder: Path = folder) -> OneStill:
+            return labelled(_still(folder, row), row)
 
         stills += read_rows(folder / f"{what}.jsonl", row, made, header=f"cell.{what}", how=how)
     return stills
@@ -82,7 +82,7 @@ def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[One
         raise InputError(f"{len(stills)} images of {len(logs)} recordings; 2 are needed: one is kept for scores")
     chosen = np.random.default_rng([seed, 3]).permutation(len(logs))[: max(1, round(share * len(logs)))]
     apart = {logs[index] for index in chosen}
-    return [one for one in stills if one.log not in apart], [one for one in stills if one.log in apart]
+    return [still for still in stills if still.log not in apart], [still for still in stills if still.log in apart]
 
 
 def _still(folder: Path, row: StillRow) -> Still:

@@ -132,7 +132,7 @@ def begin_with(network: nn.Module, weights: Path, kind: str) -> None:
         ModelError: they are of another kind, shape, or no weights.
     """
     OnnxModel.load(weights, kind)
-    tensors = {one.name.removesuffix(".short"): one for one in onnx.load(weights).graph.initializer}
+    tensors = {value.name.removesuffix(".short"): value for value in onnx.load(weights).graph.initializer}
 
     def fill(name: str, value: torch.Tensor) -> None:
         held = tensors.get(name)
@@ -140,7 +140,7 @@ def begin_with(network: nn.Module, weights: Path, kind: str) -> None:
             raise ModelError(f"{weights}: holds no {name} of {tuple(value.shape)}: training cannot begin with it")
         value.data.copy_(torch.from_numpy(numpy_helper.to_array(held).astype(np.float32)))
 
-    folded = {name: one for name, one in network.named_modules() if isinstance(one, nn.BatchNorm2d)}
+    folded = {name: module for name, module in network.named_modules() if isinstance(module, nn.BatchNorm2d)}
     for name, norm in folded.items():
         nn.init.ones_(norm.weight)
         norm.running_mean, norm.running_var = torch.zeros_like(norm.bias), torch.ones_like(norm.bias) - norm.eps

@@ -129,7 +129,7 @@ class Epoch(Dataset[dict[str, Tensor]]):
         device = training_device()
         workers = FEEDERS if device.type == "cuda" else 0
         for batch in DataLoader(self, batch_size=None, num_workers=workers):
-            yield {name: one.to(device) for name, one in batch.items()}
+            yield {name: value.to(device) for name, value in batch.items()}
 
 
 @dataclass(frozen=True)

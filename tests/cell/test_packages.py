@@ -43,7 +43,7 @@ def test_a_package_that_was_half_unpacked_is_named_with_the_file(half: Path) -> 
 
 def test_all_packages_of_what_is_installed_are_there() -> None:
     names, missing = missing_packages()
-    assert {"mujoco", "placo", "pydantic"} <= set(names)
+    assert {"mujoco", "pin", "pydantic"} <= set(names)
     assert not missing
 
 

@@ -18,7 +18,7 @@ INPUTS = ("/observation", "/bench", "/parts")
 NAME = "inputs_sha256"  # of the digest in the metadata `outcome`
 # Everything that a decision or a motion hangs on.
 PACKAGES = (
-    "cell", "mujoco", "placo", "pin", "coal", "eigenpy", "ruckig", "py-trees", "onnxruntime",
+    "cell", "mujoco", "pin", "coal", "eigenpy", "ruckig", "py-trees", "onnxruntime",
     "opencv-python-headless", "numpy", "scipy", "pydantic", "cantools", "python-can",
 )  # fmt: skip
 GIT_TIMEOUT_S = 5.0

@@ -84,11 +84,11 @@ def test_what_only_training_needs_is_a_note(
 
 def test_a_full_disk_and_a_missing_package_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 10**12, 4 * 10**8))
-    monkeypatch.setattr(doctor, "missing_packages", lambda: (["mujoco", "placo"], ["placo"]))
+    monkeypatch.setattr(doctor, "missing_packages", lambda: (["mujoco", "ruckig"], ["ruckig"]))
     monkeypatch.setattr(doctor, "_devices", lambda *_: ())
     findings = {finding.what: finding for finding in examine(configuration(tmp_path))}
     assert not findings["0.4 GB free for logs"].ok
-    (packages,) = [finding for what, finding in findings.items() if what.endswith("packages: placo")]
+    (packages,) = [finding for what, finding in findings.items() if what.endswith("packages: ruckig")]
     assert (packages.ok, packages.needed) == (False, True)
 
 

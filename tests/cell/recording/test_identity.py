@@ -25,5 +25,5 @@ def test_there_are_no_secrets_in_it() -> None:
 
 
 def test_versions_that_changed_are_named() -> None:
-    recorded = {**versions(), "version.placo": "0.0.1", "version.gone": "1", "seed": "7"}
-    assert what_changed(recorded) == [f"placo was 0.0.1, is {versions()['version.placo']}"]
+    recorded = {**versions(), "version.pin": "0.0.1", "version.placo": "0.10.2", "seed": "7"}
+    assert what_changed(recorded) == [f"pin was 0.0.1, is {versions()['version.pin']}"]

@@ -146,7 +146,7 @@ def test_a_node_can_be_tested_alone() -> None:
 
 
 def test_loading_a_tree_is_light() -> None:
-    heavy = "numpy,cv2,mujoco,torch,onnxruntime,placo,lark"
+    heavy = "numpy,cv2,mujoco,torch,onnxruntime,pinocchio,lark"
     modules = "sys, btxml.files.check, btxml.views.show, btxml.views.palette"
     code = f"import {modules}; print([m for m in '{heavy}'.split(',') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

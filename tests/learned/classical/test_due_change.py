@@ -71,5 +71,15 @@ def test_a_frozen_image_is_stuck_within_eight_frames_of_motion_and_for_as_long_a
     assert judged(frozen=20)[1] == "not changing where the robot moves"
 
 
+def test_an_arm_that_fills_little_of_its_boxes_is_seen_by_what_changes_inside_them() -> None:
+    due, stuck = DueChange(np.ones((ROWS, COLUMNS), bool)), []
+    for number in range(90):
+        wide = np.maximum(outline(number), np.roll(outline(number), -10, axis=1))
+        frame = Frame("overhead", number, number / RATE_HZ, image(number), Pose((0, 0, 1)), ROBOT)
+        due.see(frame, image(number), wide)
+        stuck.append(due.stuck)
+    assert not any(stuck)
+
+
 def test_without_the_arms_place_nothing_is_said() -> None:
     assert judged(8, known=False) == ("", "")

@@ -1,7 +1,8 @@
 """Whether overhead images are as new as their stamps: where the robot moved, by its joints, the image must change.
 
-Since an earlier frame the robot's outline has come to some places and gone from others. A live image has changed there;
-a frozen one has not, whatever noise is added to it; one that is late has changed where the robot was moving before.
+Since an earlier frame the robot's outline has come to some places and gone from others. A live image has changed there,
+or inside the outline, which is wider than the robot; a frozen one has not, whatever noise is added to it; one that is
+late has changed where the robot was moving before.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class DueChangeLimits:
         levels: [grey levels] by which the mean of 3 x 3 small pixels changes that show something else.
         least_px: [small pixels] in which change is due, from which it is looked for.
         least_apart_px: [small pixels] likewise, to which the robot has come, or from which it went the lag before.
-        unseen: share of these that change at most, where the image does not show what is due.
+        unseen: share of these, and of all that is inside the outlines, that changes at most, where the image does not
+            show what is due.
         seen: share of these that change at least, where it does.
         here_share: what changes at most where the robot is, of the share that changes where it was, in a late image. At
             a half, images one frame late counted as late in 5 of 6 starts of one assembly, at a third in none.
@@ -93,10 +95,12 @@ class DueChange:
         before = self._at(now.time_s - self._limits.step_s)
         if before is None:
             return
-        changed, due = self._changed(before, now), now.outline ^ before.outline
+        changed, came, went = self._changed(before, now), now.outline & ~before.outline, before.outline & ~now.outline
         since = self._changed(self._shown[-2], now)
         for number, region in enumerate(self._regions):
-            self._count(number, due & region, changed, since)
+            whole = min(np.count_nonzero(came & region), np.count_nonzero(went & region)) >= self._limits.least_apart_px
+            due = (came | went) & region & (whole or not number)
+            self._count(number, due, changed, since, (now.outline | before.outline) & region)
         for lag_s in self._behind:
             self._compare(lag_s, before, changed)
         self.stuck = "not changing where the robot moves" if max(self._unseen) >= self._limits.frames else ""
@@ -108,11 +112,11 @@ class DueChange:
         gain = float(np.median((now.smooth[::5, ::5, 1] + 1) / (before.smooth[::5, ::5, 1] + 1)))
         return np.asarray(cv2.absdiff(now.smooth, gain * before.smooth).max(axis=2) > self._limits.levels)
 
-    def _count(self, number: int, due: Mask, changed: Mask, since: Mask) -> None:
+    def _count(self, number: int, due: Mask, changed: Mask, since: Mask, inside: Mask) -> None:
         """Whether a region shows what is due; what was owed may come later, when the camera goes on."""
         limits, owed = self._limits, self._owed[number]
         if np.count_nonzero(due) >= limits.least_px:
-            unseen = changed[due].mean() < limits.unseen
+            unseen = max(changed[due].mean(), changed[inside].mean()) < limits.unseen
             self._unseen[number] = self._unseen[number] + 1 if unseen else 0
             self._owed[number] = owed | due if unseen else np.zeros_like(owed)
         elif self._unseen[number] and since[owed].mean() >= limits.seen:

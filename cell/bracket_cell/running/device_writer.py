@@ -23,14 +23,14 @@ RESTARTED = "gripper_restarted_empty"
 class GripperHold:
     """Stops moving fingers while the supervisor holds, and lets them go on; skills see fingers that still move.
 
-    Three states: `free`; `withheld`, stopped half way; `forgotten`, as the gripper restarted. From the last two fingers
+    Three states: `free`; `withheld`, stopped half way; `reset`, as the gripper restarted. From the last two fingers
     are sent to their goal again once nothing holds. Fingers that grip a part are left alone where a knock moves them a
     little: stopped in such a moment, they would press no more, and the part would fall out.
     """
 
     def __init__(self, gripper: Gripper) -> None:
         self._gripper = gripper
-        self._state: Literal["free", "withheld", "forgotten"] = "free"
+        self._state: Literal["free", "withheld", "reset"] = "free"
         self._goal: GripperCommand | None = None
         self._gripped_m: float | None = None  # how far apart they are with the part that they grip
 
@@ -54,7 +54,7 @@ class GripperHold:
             return
         moving = gripper.object_status is ObjectStatus.MOVING and not self._knocked(gripper.opening_m)
         if not gripper.activated:
-            self._state = "forgotten"
+            self._state = "reset"
         elif held and moving and self._state == "free":
             self._gripper.hold()
             self._state = "withheld"

@@ -22,14 +22,14 @@ from bracket_ground.interfaces.product import Product
 from btxml.engine.node import StatusChange
 from btxml.engine.tree import Tree
 
-Moment = Literal[
+GuideState = Literal[
     "beginning", "unknown", "unsure", "sure", "brings", "waits", "question", "alarm", "paused", "finished", "over"
 ]
-URGENT: tuple[Moment, ...] = ("question", "alarm", "paused", "over")
+URGENT: tuple[GuideState, ...] = ("question", "alarm", "paused", "over")
 STAYS_S = 0.6  # a sentence stands at least so long, unless an urgent one comes
 NEAR_S = 0.4  # a hand is near for so long before the person is asked to take it away
 LIKELY = 0.05  # goals below this are not told
-Fate = Literal["placed", "robot", "you", "open"]
+HoleStatus = Literal["placed", "robot", "you", "open"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Instruction:
         tray: the tray is meant.
     """
 
-    moment: Moment
+    moment: GuideState
     words: str
     holes: tuple[str, ...] = ()
     bins: tuple[str, ...] = ()
@@ -53,13 +53,13 @@ class Hole:
     """What is known of one hole: one answer, which everything that is shown follows.
 
     Attributes:
-        fate: "placed": a part is in it; "robot": the robot brings one; "you": the person puts one in; "open": it is
+        status: "placed": a part is in it; "robot": the robot brings one; "you": the person puts one in; "open": it is
             not known yet what belongs there.
         parts: the type, or of an open one all types that may belong there.
         who: who placed it, "robot" or "person"; empty where nothing is placed.
     """
 
-    fate: Fate
+    status: HoleStatus
     parts: tuple[str, ...]
     who: str = ""
     upright: bool = True
@@ -257,7 +257,7 @@ class OperatorGuide:
         if not questions:
             return None
         first = questions[0]
-        moment: Moment = "finished" if first.kind == "bracket" else "question"
+        moment: GuideState = "finished" if first.kind == "bracket" else "question"
         return Instruction(moment, self._question(first), first.positions, tray=first.kind == "help")
 
     def _question(self, question: Question) -> str:
@@ -340,10 +340,10 @@ class OperatorGuide:
         holes, seen = self.holes, self._seen
         assert seen is not None
         ready = [at for at in holes if not self.product.missing_before(at, self.done, self._filled)]
-        mine = {position: holes[position].parts[0] for position in ready if holes[position].fate == "you"}
+        mine = {position: holes[position].parts[0] for position in ready if holes[position].status == "you"}
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
-        other = self._any_part(tuple(at for at in ready if holes[at].fate == "open"), holes)
+        other = self._any_part(tuple(at for at in ready if holes[at].status == "open"), holes)
         if mine and (held in (None, *mine.values()) or not other.words):
             position = next((at for at, part in mine.items() if held in (None, part)), next(iter(mine)))
             words = Message("Place the {part} at {hole}", part=self._title(mine[position]), hole=position)

@@ -56,7 +56,7 @@ class TickRecord:
     unacknowledged: bool = False
 
 
-STANDS = ("the arm stands", "nothing has moved")  # begin of a condition in which it does
+STANDING_CONDITIONS = ("the arm stands", "nothing has moved")  # begin of a condition in which it does
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Outcome:
     @property
     def arm_stands(self) -> bool:
         """Whether the arm is known to stand."""
-        return self.condition.startswith(STANDS)
+        return self.condition.startswith(STANDING_CONDITIONS)
 
     @property
     def exit_status(self) -> int:

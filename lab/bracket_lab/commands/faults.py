@@ -35,7 +35,7 @@ def faults(
     ] = False,
     drawn: Annotated[
         int | None,
-        Option(min=1, help="Instead: so many random faults, of any kind in any signal, from the first seed on."),
+        Option(min=1, help="Inject N random faults instead, of any kind in any signal, from the first seed on."),
     ] = None,
 ) -> int:
     """Put every fault into every state of a pick and place, with each seed; status 1 if one ended not as promised.

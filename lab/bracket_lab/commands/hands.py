@@ -35,7 +35,7 @@ def compose(
     out: Annotated[Path, Option("--out", "-o", help="New folder.")],
     photographs: Annotated[Path | None, Argument(help="Folder of photographs of hands.")] = None,
     without: Annotated[
-        list[Path] | None, Option(help="Folder of photographs without hands, shown as what is none; may be repeated.")
+        list[Path] | None, Option(help="Folder of photographs without hands, as negatives; may be repeated.")
     ] = None,
     onto: Annotated[
         list[Path] | None,

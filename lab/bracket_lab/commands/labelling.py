@@ -26,7 +26,7 @@ def record(
     source: Annotated[str, typer.Argument(help=f"Source: {LEGAL}.")],
     out: Annotated[Path, typer.Option("--out", "-o", help=OUT_HELP)],
     camera: Annotated[str, typer.Option(help="Which camera took it: overhead or wrist.")] = "overhead",
-    every: Annotated[int, typer.Option(min=1, help="Keep one of so many frames.")] = 1,
+    every: Annotated[int, typer.Option(min=1, help="Keep every Nth frame.")] = 1,
     most: Annotated[int | None, typer.Option(min=1, help="Frames to keep; of a camera 60 by default.")] = None,
     config: ConfigOption = CONFIGURATION,
 ) -> None:

@@ -30,10 +30,10 @@ def system(
     goals: Annotated[list[int] | None, Option(help="Number of possible goals; may be repeated.")] = None,
     tree: Annotated[Path, Option(help="Tree file.")] = TREE,
     at_most: Annotated[
-        float | None, Option(min=1, help="End after so many simulated seconds; as configured by default.")
+        float | None, Option(min=1, help="End after N simulated seconds; by default as configured.")
     ] = None,
     by_hand: Annotated[
-        bool, Option("--by-hand", help="Read no holes: the hand alone tells what is placed, as in the paper.")
+        bool, Option("--by-hand", help="Read no holes; placements come from the hand alone, as in the paper.")
     ] = False,
     pixels: Annotated[
         bool,

@@ -36,7 +36,7 @@ def evaluate_parts(
     shared: Shared,
     mixed: Annotated[bool, Option(help="Some parts lie or are stacked, and some objects are unknown.")] = True,
     tilt: Annotated[
-        float | None, Option(min=0, max=180, help="Score parts tilted by so many degrees, in the look nominal.")
+        float | None, Option(min=0, max=180, help="Score parts tilted by N degrees, in the look nominal.")
     ] = None,
     page: Annotated[
         Path | None, Option(help="With --data: write an HTML page of the worst pictures, and tell the mAP's interval.")

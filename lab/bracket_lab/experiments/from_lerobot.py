@@ -126,7 +126,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("checkpoint", type=Path, help="folder `pretrained_model` of a training")
     parser.add_argument("target", type=Path, help="the ONNX file")
-    parser.add_argument("--every", type=int, default=1, help="keep one row of a chunk in so many")
+    parser.add_argument("--every", type=int, default=1, help="keep every Nth row of a chunk")
     options = parser.parse_args()
     write(exported(options.checkpoint, max(1, options.every)), options.target)
 

@@ -41,12 +41,12 @@ class Stereo:
         self._rng, self._lens = rng, Lens(setup, look)
         self._shift_px = setup.focal_px * BASELINE_M  # disparity at 1 m, in pixels of the colour image
         self._scale = 1 + float(rng.normal(0.0, SCALE_SPREAD))
-        self._holes = min(max(look.depth_holes, TINY), 1 - TINY)
+        self._holes = min(max(look.depth_holes, EPS), 1 - EPS)
 
     @property
     def loses_things(self) -> bool:
         """Whether it has holes that belong to things."""
-        return self._holes > TINY
+        return self._holes > EPS
 
     def spoil(self, depths_m: NDArray[np.float32], weak: NDArray[np.bool_] | None = None) -> DepthImage:
         """What the camera sends, in [mm], pixel by pixel as the colour image; 0 where it knows nothing.
@@ -89,7 +89,7 @@ class Stereo:
         return hidden
 
 
-TINY = 1e-9
+EPS = 1e-9
 WHITE = 255
 BANK_FRAMES = 2  # length of the noise bank, in images
 STILL = 1e-4  # by which a place [m] or a direction may change while the shutter is open, so that nothing is blurred

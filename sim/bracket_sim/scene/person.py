@@ -293,13 +293,13 @@ class Person(Model):
         return self.pause_s[0] >= NEVER_S
 
 
-def drawn(span: tuple[float, float], rng: np.random.Generator) -> float:
+def sample(span: tuple[float, float], rng: np.random.Generator) -> float:
     """A value of a span; one without width takes nothing from the generator."""
     low, high = span
     return float(rng.uniform(low, high)) if low < high else low
 
 
-def happens(share: float, rng: np.random.Generator) -> bool:
+def bernoulli(share: float, rng: np.random.Generator) -> bool:
     """Whether something of this probability happens; what never or always does takes nothing from the generator."""
     return share >= 1 or (share > 0 and float(rng.random()) < share)
 

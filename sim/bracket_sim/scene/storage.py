@@ -17,7 +17,7 @@ from bracket_ground.interfaces.places import EMPTY
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.parts import ScenePart
-from bracket_sim.scene.person import Storage, happens
+from bracket_sim.scene.person import Storage, bernoulli
 
 BIN_GAP_M = 0.032  # between bodies in a bin: room for a thumb beside a finger
 COMMON_BIN_M = (0.135, 0.186)  # of bins that take any type
@@ -109,7 +109,7 @@ def _permuted(product: Product, bench: Bench, storage: Storage, rng: np.random.G
     spots = [bench.bins_m[name] for name in product.assembled]
     contents = [[name] * product.parts[name].quantity for name in product.assembled]
     contents = [contents[index] for index in rng.permutation(len(contents))]
-    if happens(storage.mixed, rng) and len(contents) > 1:
+    if bernoulli(storage.mixed, rng) and len(contents) > 1:
         one, other = (int(index) for index in rng.permutation(len(contents))[:2])
         contents[one][-1], contents[other][-1] = contents[other][-1], contents[one][-1]
     bins = tuple(Bin(spot, COMMON_BIN_M) for spot in spots)
@@ -158,7 +158,7 @@ def _some_on_table(
     free = [spots[index] for index in rng.permutation(len(spots))]
     found = []
     for part in parts:
-        if free and happens(share, rng):
+        if free and bernoulli(share, rng):
             yaw = float(rng.uniform(-MOST_YAW_RAD, MOST_YAW_RAD))
             place = (x, free.pop() + float(rng.uniform(-0.015, 0.015)), product.parts[part.part].peg_length_m)
             part = replace(part, world_from_part=Pose.from_yaw(place, yaw))
@@ -176,7 +176,7 @@ def _some_in_tray(
     free = [spots[index] for index in rng.permutation(len(spots))]
     found = []
     for part in parts:
-        if free and happens(share, rng):
+        if free and bernoulli(share, rng):
             place = (*free.pop(), z + product.parts[part.part].peg_length_m)
             part = replace(part, world_from_part=Pose.from_yaw(place, float(rng.uniform(-MOST_YAW_RAD, MOST_YAW_RAD))))
         found.append(part)

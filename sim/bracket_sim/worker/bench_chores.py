@@ -9,7 +9,7 @@ import numpy as np
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.operator import HELP_GIVEN, IS_RIGHT, PLACED_BY_HAND, OperatorOrder, Question
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
-from bracket_sim.scene.person import ShiftHabits, drawn, happens
+from bracket_sim.scene.person import ShiftHabits, bernoulli, sample
 from bracket_sim.worker.event_log import EventLog
 from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from bracket_sim.worker.intrusion import within_reach
@@ -60,7 +60,7 @@ class OperatorAnswers:
 
     def _reaction_s(self, question: Question) -> float:
         if question.kind == "bracket":
-            return drawn(self._habits.pause_s, self._rng)
+            return sample(self._habits.pause_s, self._rng)
         return float(self._rng.exponential(self._habits.answers_s))
 
     def noticed(self, time_s: float) -> Iterator[Question]:
@@ -118,7 +118,7 @@ class BenchChores:
         self._events.begin("transit")
         yield from self._wait_for_arm(lambda: self._sight.arm_over_bracket)
         x, y, _ = self._sight.bracket_m
-        half_s = drawn(self._habits.exchange_s, self._rng) / 2
+        half_s = sample(self._habits.exchange_s, self._rng) / 2
         yield from self._over(np.array([x + 0.03, y, self._work.clear_height_m + 0.08]), half_s)
         self._change()
         self._stock.take_bracket()
@@ -126,14 +126,14 @@ class BenchChores:
         yield from self._work.wait(half_s)
         self.due = {"bins", "tray"}
         for place in ("bins", "tray") if self._rng.random() < 0.5 else ("tray", "bins"):
-            if happens(self._habits.fills_at_once, self._rng):
+            if bernoulli(self._habits.fills_at_once, self._rng):
                 yield from self.fill(place)
 
     def fill(self, place: str) -> Script:
         """Fill the bins or the tray."""
         self.due.discard(place)
         self._events.begin("transit")
-        duration_s = drawn(self._habits.fill_s, self._rng)
+        duration_s = sample(self._habits.fill_s, self._rng)
         if place == "tray":
             yield from self._at_tray(duration_s, lambda: self._stock.fill_tray())
             return
@@ -148,7 +148,7 @@ class BenchChores:
     def exchange_tray(self) -> Script:
         """Put another tray there: the parts that are left in it, each in another place."""
         self._events.begin("transit")
-        yield from self._at_tray(drawn(self._habits.exchange_s, self._rng), self._stock.exchange_tray)
+        yield from self._at_tray(sample(self._habits.exchange_s, self._rng), self._stock.exchange_tray)
         self._events.note("exchange tray")
 
     def tidy_up(self) -> Script:
@@ -158,7 +158,7 @@ class BenchChores:
         self._events.begin("transit")
         yield from self._wait_for_arm(lambda: self._sight.arm_over_bracket)
         x, y, _ = self._sight.bracket_m
-        half_s = drawn(self._habits.fill_s, self._rng) / 2
+        half_s = sample(self._habits.fill_s, self._rng) / 2
         yield from self._over(np.array([x + 0.03, y, self._work.clear_height_m + 0.08]), half_s)
         fallen = self._stock.fallen()
         self._stock.take(fallen)
@@ -172,13 +172,13 @@ class BenchChores:
     def help(self, part: str) -> Script:
         """Set a part of this type into the tray so that the robot can take it."""
         self._events.begin("transit")
-        yield from self._at_tray(drawn(self._habits.fill_s, self._rng), lambda: self._free(part))
+        yield from self._at_tray(sample(self._habits.fill_s, self._rng), lambda: self._free(part))
 
     def take_held(self) -> Script:
         """Take what is at the robot's fingers out of them."""
         self._events.begin("transit")
         tool_m, _ = self._sight.tool()
-        half_s = drawn(self._habits.fill_s, self._rng) / 2
+        half_s = sample(self._habits.fill_s, self._rng) / 2
         with self._work.at_arm():
             yield from self._over(within_reach(tool_m), half_s)
         self._stock.take_held()

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from bracket_ground.interfaces.product import Product
-from bracket_sim.scene.person import BesideRobot, Person, drawn, happens
+from bracket_sim.scene.person import BesideRobot, Person, bernoulli, sample
 from bracket_sim.worker.event_log import EventLog
 from bracket_sim.worker.hand_primitives import HandPrimitives, ScrewMotion, Script
 from bracket_sim.worker.placing import Placing
@@ -159,20 +159,20 @@ class Screwing:
             return
         habits = self._habits
         motion = ScrewMotion(
-            duration_s=drawn(habits.duration_s, self._rng),
-            rate_hz=drawn(habits.rate_hz, self._rng),
-            radius_m=drawn(habits.radius_m, self._rng),
-            yaw_rad=drawn(habits.yaw_rad, self._rng),
+            duration_s=sample(habits.duration_s, self._rng),
+            rate_hz=sample(habits.rate_hz, self._rng),
+            radius_m=sample(habits.radius_m, self._rng),
+            yaw_rad=sample(habits.yaw_rad, self._rng),
         )
-        tool = not held and happens(habits.tool, self._chance)
+        tool = not held and bernoulli(habits.tool, self._chance)
         if tool:
             motion = replace(motion, radius_m=min(motion.radius_m, TOOL_RADIUS_M))
             self._events.note("tool", position=position)
-        polite = not held and happens(self._waits, self._chance)
+        polite = not held and bernoulli(self._waits, self._chance)
         if held:
             yield from self._work.reach_beside(seen)
         else:
-            yield from self._work.reach_over(seen, drawn(habits.height_m, self._rng), tool=tool)
+            yield from self._work.reach_over(seen, sample(habits.height_m, self._rng), tool=tool)
         self._events.begin("screw")
         yield from self._work.screw(motion, stop=lambda: polite and self._sight.arm_over_bracket)
         self._events.begin("transit")
@@ -202,7 +202,7 @@ class Waiting:
 
     def polite(self) -> bool:
         """Whether the person waits for the arm this time."""
-        polite = happens(self._habits.waits, self._chance)
+        polite = bernoulli(self._habits.waits, self._chance)
         if not polite:
             self._events.note("does not wait")
         return polite

@@ -13,7 +13,7 @@ from bracket_ground.interfaces.product import PartType, Product
 from bracket_ground.interfaces.solid import span_m
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.human_hand import Grasp
-from bracket_sim.scene.person import Grip, drawn
+from bracket_sim.scene.person import Grip, sample
 from bracket_sim.worker.worker_sight import SeenPart
 
 HEIGHT_M = (0.010, 0.035)  # least and most above the body's bottom, else half its height
@@ -150,11 +150,11 @@ class Gripping:
         """How the next part is gripped; nothing is drawn where the person always does it alike."""
         habits = self._habits
         return GripStyle(
-            tilt_rad=drawn(habits.tilt_rad, self._chance),
-            roll_rad=drawn(habits.roll_rad, self._chance),
-            curl_rad=drawn(habits.curl_rad, self._chance),
-            from_middle_m=None if habits.from_middle_m is None else drawn(habits.from_middle_m, self._chance),
-            open_m=drawn(habits.open_m, self._chance),
+            tilt_rad=sample(habits.tilt_rad, self._chance),
+            roll_rad=sample(habits.roll_rad, self._chance),
+            curl_rad=sample(habits.curl_rad, self._chance),
+            from_middle_m=None if habits.from_middle_m is None else sample(habits.from_middle_m, self._chance),
+            open_m=sample(habits.open_m, self._chance),
             grasp=habits.grasps[int(self._grasps.integers(len(habits.grasps)))],
         )
 

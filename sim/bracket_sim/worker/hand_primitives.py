@@ -14,7 +14,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.solid import span_m
 from bracket_sim.scene.hand import Hand
 from bracket_sim.scene.hand_motion import at_pace, min_jerk, plan_reach
-from bracket_sim.scene.person import HandOvers, Person, drawn, happens
+from bracket_sim.scene.person import HandOvers, Person, bernoulli, sample
 from bracket_sim.worker.going_round import WAITS_S, GoingRound
 from bracket_sim.worker.gripping import Gripping, fold_yaw, top_m, turn
 from bracket_sim.worker.worker_sight import SeenPart, Sight
@@ -103,7 +103,7 @@ class HandPrimitives:
 
     def become(self, person: Person) -> None:
         """From now on the hand is this person's."""
-        self.pace = drawn(person.pace, self._chance)
+        self.pace = sample(person.pace, self._chance)
         self._motion = at_pace(person.motion, self.pace)
         self._gripping = Gripping(self._hand, self._product, person.grip, self._chance)
 
@@ -204,8 +204,8 @@ class HandPrimitives:
         yield from self.reach(grip_m + back_m, yaw_rad, haste=STEADY)
         yield from self.reach(grip_m, haste=STEADY)
         yield from self.pinch(self._gripping.closed_m(seen.part))
-        yield from self.wait(drawn(habits.waits_s, self._chance))
-        if happens(habits.pulls, self._chance) and (yield from self._pulled(back_m, habits)):
+        yield from self.wait(sample(habits.waits_s, self._chance))
+        if bernoulli(habits.pulls, self._chance) and (yield from self._pulled(back_m, habits)):
             yield from self.reach(self.position_m + back_m, haste=STEADY)
             yield from self._draw_back(habits.stands_back_s)
         else:
@@ -250,8 +250,8 @@ class HandPrimitives:
 
     def _pulled(self, way_m: Array, habits: HandOvers) -> Generator[None, None, bool]:
         """Pull along a way (3,) ever harder; returns whether the part, or the hand without it, came."""
-        pull_m = drawn(habits.pull_n, self._chance) / self._hand.stiffness_n_m
-        rises_s, along = drawn(habits.pull_s, self._chance), way_m / np.linalg.norm(way_m)
+        pull_m = sample(habits.pull_n, self._chance) / self._hand.stiffness_n_m
+        rises_s, along = sample(habits.pull_s, self._chance), way_m / np.linalg.norm(way_m)
         start_m, was_m, elapsed_s = self.position_m, self._hand.position_m, 0.0
         while elapsed_s < rises_s + habits.holds_on_s:
             elapsed_s += self.dt_s

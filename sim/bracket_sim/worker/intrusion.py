@@ -10,7 +10,7 @@ import numpy as np
 
 from bracket_ground.interfaces.pose import Array
 from bracket_sim.scene.hand_motion import PEAK_TO_MEAN
-from bracket_sim.scene.person import BesideRobot, drawn, happens
+from bracket_sim.scene.person import BesideRobot, bernoulli, sample
 from bracket_sim.worker.hand_primitives import ARCH_M, RELAXED_GAP_M, HandPrimitives, Script
 from bracket_sim.worker.worker_sight import Sight
 
@@ -82,15 +82,15 @@ class Intrusion:
         Args:
             sequel, speed_m_s: drawn from the person's habits where they are not given.
         """
-        speed = drawn(self._habits.intrusion_m_s, self._rng) if speed_m_s is None else speed_m_s
+        speed = sample(self._habits.intrusion_m_s, self._rng) if speed_m_s is None else speed_m_s
         sequel = self._draw_sequel() if sequel is None else sequel
         start_m, yaw_rad, gap_m = self._work.position_m, self._work.yaw_rad, self._work.gap_m
-        chases = happens(self._habits.chases, self._rng)
+        chases = bernoulli(self._habits.chases, self._rng)
         self._note("intrude", speed_m_s=speed, chases=chases)
         yield from self._chase(speed) if chases else self._reach_into_way(speed)
         self._note(sequel)
         if sequel == "freeze":
-            yield from self._work.wait(drawn(self._habits.freeze_s, self._rng))
+            yield from self._work.wait(sample(self._habits.freeze_s, self._rng))
         elif sequel == "pull":
             yield from self._pull()
         yield from self._work.reach(start_m, yaw_rad, gap_m, arch_m=ARCH_M)
@@ -139,7 +139,7 @@ class Intrusion:
         tool_m, _ = self._sight.tool()
         yield from self._work.reach(within_reach(tool_m), 0.0, 0.08)
         yield from self._work.pinch(0.0)
-        away_m = self._work.position_m + np.array([drawn(self._habits.pull_m, self._rng), 0.0, 0.03])
+        away_m = self._work.position_m + np.array([sample(self._habits.pull_m, self._rng), 0.0, 0.03])
         duration_s = PEAK_TO_MEAN * float(np.linalg.norm(away_m - self._work.position_m)) / PULL_M_S
         yield from self._work.reach(away_m, duration_s=duration_s)
         yield from self._work.pinch(0.08)

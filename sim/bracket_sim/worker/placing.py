@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Mapping
 import numpy as np
 
 from bracket_ground.interfaces.pose import Array
-from bracket_sim.scene.person import Order, Person, drawn, happens
+from bracket_sim.scene.person import Order, Person, bernoulli, sample
 from bracket_sim.worker.event_log import EventLog
 from bracket_sim.worker.gripping import fold_yaw
 from bracket_sim.worker.hand_primitives import MOST_YAW_RAD, HandPrimitives, Script
@@ -208,7 +208,7 @@ class Placing:
         yield from self._let_go(seen, None)
 
     def _happens(self, share: float) -> bool:
-        return happens(share, self._rng)
+        return bernoulli(share, self._rng)
 
     def _choose(self, position: str) -> SeenPart:
         """The part that is fetched: the right one, seldom a wrong one or one from the tray."""
@@ -248,7 +248,7 @@ class Placing:
             yield from self._work.back_off()
             yield from self._work.grasp(self._sight.part(seen.body))
         if self._work.holds(seen.body) and self._happens(lapses.holds):
-            duration_s = drawn(lapses.hold_s, self._rng)
+            duration_s = sample(lapses.hold_s, self._rng)
             self._events.note("hold", part=seen.part, duration_s=duration_s)
             yield from self._work.wait(duration_s)
 
@@ -273,7 +273,7 @@ class Placing:
         other = others[int(self._rng.integers(len(others)))]
         self._events.note("hesitate", part=seen.part, position=other)
         yield from self._carry_to_bracket(seen.body, self._sight.holes_m[other])
-        yield from self._work.wait(drawn(self._person.lapses.hesitate_s, self._rng))
+        yield from self._work.wait(sample(self._person.lapses.hesitate_s, self._rng))
 
     def _let_go(self, seen: SeenPart, position: str | None) -> Script:
         held = self._work.holds(seen.body)

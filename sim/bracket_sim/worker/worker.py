@@ -17,7 +17,7 @@ from bracket_ground.interfaces.devices import TruthEvent
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.product import Product
 from bracket_sim.scene.hand import Hand, hand_rest_m
-from bracket_sim.scene.person import Person, drawn, happens
+from bracket_sim.scene.person import Person, bernoulli, sample
 from bracket_sim.worker.bench_chores import (
     BenchChores,
     OperatorAnswers,
@@ -274,23 +274,23 @@ class Worker:
         if wish in self._product.positions:
             with self._work.at_arm():
                 yield from self._screwing.screw(wish, held=True)
-        elif happens(self._person.handing.gives, self._chance):
+        elif bernoulli(self._person.handing.gives, self._chance):
             yield from self._job.placing.give(wish)
         yield from self._go_to_rest()
 
     def _turn_away(self) -> Script:
         """Swap a wrong part in, exchange the tray, or walk off, as this person does after a placement."""
         leaving = self._person.leaving
-        if happens(self._person.lapses.swaps, self._chance):
+        if bernoulli(self._person.lapses.swaps, self._chance):
             yield from self._job.placing.swap()
-        if self._errands is not None and happens(leaving.exchanges_tray, self._chance):
+        if self._errands is not None and bernoulli(leaving.exchanges_tray, self._chance):
             yield from self._errands.exchange_tray()
-        if happens(leaving.leaves, self._chance):
+        if bernoulli(leaving.leaves, self._chance):
             self._events.note("leaves")
             self._events.begin("transit")
             yield from self._work.reach(np.array([OUT_OF_VIEW_M, *self._rest_m[1:]]), 0.0, arch_m=ARCH_M)
             self._events.begin("idle")
-            yield from self._work.wait(drawn(leaving.away_s, self._chance))
+            yield from self._work.wait(sample(leaving.away_s, self._chance))
             self._events.note("comes back")
             yield from self._go_to_rest()
 
@@ -356,14 +356,16 @@ class Worker:
             if question.kind == "goal":
                 self._replies.answer(question, goal_answer(question, self._job.wanted))
             elif question.kind == "where":
-                points = happens(self._person.shift.points, self._chance)
+                points = bernoulli(self._person.shift.points, self._chance)
                 empty = [] if self._job.can_place(question.part) and not points else list(self._job.empty())
                 place = where_answer(question, self._job.wanted, empty)
                 if points and place in self._sight.holes_m:
                     yield from self._point_at(place)
                 self._replies.answer(question, place)
             elif question.kind == "help":
-                by_hand = self._job.can_place(question.part) and happens(self._person.shift.places_asked, self._chance)
+                by_hand = self._job.can_place(question.part) and bernoulli(
+                    self._person.shift.places_asked, self._chance
+                )
                 if by_hand:
                     self._request = question.part
                 else:
@@ -427,7 +429,7 @@ class Worker:
         self._events.begin("idle")
 
     def _pause(self) -> Script:
-        yield from self._work.wait(drawn(self._person.pause_s, self._rng))
+        yield from self._work.wait(sample(self._person.pause_s, self._rng))
 
     def _let_robot_work(self) -> Script:
         """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""

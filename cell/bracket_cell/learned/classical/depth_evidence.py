@@ -14,10 +14,10 @@ from bracket_cell.learned.classical.box_model import View
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.pose import Array
 
-GRID = 4  # pixels of the image in one of the small image, along both axes
+DOWNSAMPLE = 4  # pixels of the image in one of the small image, along both axes
 RISES_M = 0.045  # least; a part that was set down is as high, but smaller
 FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
-ALIKE, RISEN = 1 / 16, 1 / 256  # shares by which the reference follows in a frame
+REFERENCE_GAIN, REFERENCE_GAIN_RISEN = 1 / 16, 1 / 256  # shares by which the reference follows in a frame
 THICK, THICK_SHARE = 9, 0.6  # small pixels: parts are smaller
 LEAST_KNOWN = 0.3  # of the image: a camera that knows less is covered, or tells nothing
 COVERED = "the depth image shows nothing"
@@ -29,8 +29,8 @@ class DepthEvidence:
     def __init__(self, bench: Bench) -> None:
         model = bench.overhead.model
         view = View(model, bench.overhead.mount.pose)
-        rows, columns = np.mgrid[0 : model.height_px // GRID, 0 : model.width_px // GRID]
-        middles = np.stack([columns, rows], axis=-1).reshape(-1, 2) * GRID + (GRID - 1) / 2
+        rows, columns = np.mgrid[0 : model.height_px // DOWNSAMPLE, 0 : model.width_px // DOWNSAMPLE]
+        middles = np.stack([columns, rows], axis=-1).reshape(-1, 2) * DOWNSAMPLE + (DOWNSAMPLE - 1) / 2
         straight = model.normalised(model.straightened(middles))
         rays = np.column_stack([straight, np.ones(len(straight))]) @ view.world_from_camera.rotation.T
         self._falls: Array = rays[:, 2].reshape(rows.shape)  # of a point with its distance from the image plane
@@ -45,7 +45,9 @@ class DepthEvidence:
             hidden: small pixels that robot or hands may be in front of.
         """
         shape = self._frames.shape
-        blocks = depth_mm[: shape[0] * GRID, : shape[1] * GRID].reshape(shape[0], GRID, shape[1], GRID)
+        blocks = depth_mm[: shape[0] * DOWNSAMPLE, : shape[1] * DOWNSAMPLE].reshape(
+            shape[0], DOWNSAMPLE, shape[1], DOWNSAMPLE
+        )
         nearest = np.where(blocks > 0, blocks, np.iinfo(np.uint16).max).min(axis=(1, 3))
         known = nearest < np.iinfo(np.uint16).max
         if known.mean() < LEAST_KNOWN:
@@ -53,7 +55,7 @@ class DepthEvidence:
         heights = (self._top_m + self._falls * nearest / 1e3).astype(np.float32)
         free = known & ~hidden
         risen = free & (self._frames >= FRAMES_VALID) & (heights - self._reference > RISES_M)
-        rate = np.where(risen, np.float32(RISEN), np.float32(ALIKE))
+        rate = np.where(risen, np.float32(REFERENCE_GAIN_RISEN), np.float32(REFERENCE_GAIN))
         rate = np.maximum(rate, (self._frames < FRAMES_VALID) / (self._frames + 1)) * free
         self._reference += np.where(free, rate * (heights - self._reference), 0.0).astype(np.float32)
         self._frames += free

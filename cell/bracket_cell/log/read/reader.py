@@ -60,9 +60,9 @@ class Log:
             return False
         return digest.inputs_sha256((message.topic, message.data) for message in self.messages) != recorded
 
-    def __iter__(self) -> Iterator[Piece]:
-        """All of it, as one piece, as a LogStream gives many."""
-        yield Piece(list(self.ticks), list(self.messages))
+    def __iter__(self) -> Iterator[LogChunk]:
+        """All of it, as one chunk, as a LogStream gives many."""
+        yield LogChunk(list(self.ticks), list(self.messages))
 
     @property
     def ticks_of_run(self) -> int:
@@ -88,7 +88,7 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class Piece:
+class LogChunk:
     """What one file of a log holds: whole ticks, and all messages that no file before it had, in order."""
 
     ticks: list[LoggedTick]
@@ -98,7 +98,7 @@ class Piece:
 class LogStream:
     """A log that may be long, read file by file: only one of its parts is in memory.
 
-    Iterate over it once. `attachments` and `metadata` are there with the first piece, the rest after the last one.
+    Iterate over it once. `attachments` and `metadata` are there with the first chunk, the rest after the last one.
 
     Attributes:
         path, parts, attachments, metadata, outcome, result, unfinished, gaps: as in Log.
@@ -120,7 +120,7 @@ class LogStream:
         self.altered = False
         self._first_tick: int | None = None
 
-    def __iter__(self) -> Iterator[Piece]:
+    def __iter__(self) -> Iterator[LogChunk]:
         """Raises LogError where a file cannot be read, is no log of a run, is damaged or lacks a message inside."""
         first = last = None
         told: list[str] = []
@@ -135,9 +135,9 @@ class LogStream:
             else:
                 told += _broken_off(last, ticks)
             ticks.lossy |= bool(LOSSY & part.content.metadata.keys())
-            piece = self._piece(part, ticks, inputs)
+            chunk = self._chunk(part, ticks, inputs)
             part.content.messages = []
-            yield piece
+            yield chunk
             last = part
         assert first is not None
         assert last is not None
@@ -149,7 +149,7 @@ class LogStream:
         known = recorded is not None and not self.unfinished and self._first_tick == 0
         self.altered = known and inputs.text() != recorded
 
-    def _piece(self, part: _Part, ticks: TickBuilder, inputs: digest.InputDigest) -> Piece:
+    def _chunk(self, part: _Part, ticks: TickBuilder, inputs: digest.InputDigest) -> LogChunk:
         messages = _beyond_head(part.content.messages) if part.follows else part.content.messages
         for message in messages:
             inputs.add(message.topic, message.data)
@@ -158,7 +158,7 @@ class LogStream:
         done = ticks.take_away()
         if self._first_tick is None and done:
             self._first_tick = done[0].number
-        return Piece(done, messages)
+        return LogChunk(done, messages)
 
 
 def read_log(path: Path | Sequence[Path]) -> Log:

@@ -40,7 +40,7 @@ INSIDE = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
 BESIDE = {Opcode.ATTACHMENT: "attachments", Opcode.METADATA: "metadata"}
 
 
-class Sink(Protocol):
+class RecordSink(Protocol):
     """Takes what is found, in the order of the file."""
 
     def take(self, record: Any) -> None:
@@ -75,10 +75,10 @@ class McapScanner:
         strict: the first damage is raised; else it is passed over.
     """
 
-    def __init__(self, data: mmap.mmap | bytes, sink: Sink, *, strict: bool = False) -> None:
+    def __init__(self, data: mmap.mmap | bytes, sink: RecordSink, *, strict: bool = False) -> None:
         self._data, self._view, self._sink, self._strict = data, memoryview(data), sink, strict
         self._effort_bytes = max(LEAST_EFFORT_BYTES, SEARCH_EFFORT * len(data))
-        self._homeless = 0
+        self._orphan_messages = 0
         self._counted: dict[str, int] = {}  # by the writer
         self._schemas = {0}  # schema 0 stands for none
         self._channels: dict[int, records.Channel] = {}
@@ -124,8 +124,8 @@ class McapScanner:
                 if self._strict:
                     raise
                 self.at = self._resume(self.at, damage)
-        if self._homeless:
-            self._remark(f"{self._homeless} messages whose channel is lost")
+        if self._orphan_messages:
+            self._remark(f"{self._orphan_messages} messages whose channel is lost")
         for what, count in self._counted.items():
             if self.kept[what] != count:
                 self._remark(f"{self.kept[what]} of {count} {what} are there")
@@ -254,7 +254,7 @@ class McapScanner:
         if channel is None:
             if self._strict:
                 raise Damage(f"a message of an unknown channel {number}")
-            self._homeless += 1
+            self._orphan_messages += 1
             return
         if self.profile == PROFILE:
             self._count(channel, sequence)

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.skills.motion.separation import SEPARATION, TINY
+from bracket_cell.skills.motion.separation import EPS, SEPARATION
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.observation import LETS_GO, ArmMode, ArmState
@@ -183,7 +183,7 @@ class ArmMonitor:
         since_s, self._played_s = self._played_s, max(self._played_s, until_s)
         if self._arm is None or until_s <= since_s:
             return 0.0
-        steps = max(1, min(math.ceil((until_s - since_s) / SEPARATION.play_s - TINY), 50))
+        steps = max(1, min(math.ceil((until_s - since_s) / SEPARATION.play_s - EPS), 50))
         step_s, way_s = (until_s - since_s) / steps, 0.0
         for number in range(steps):
             time_s = since_s + (number + 1) * step_s
@@ -203,7 +203,7 @@ class ArmMonitor:
         place_s = (self._path_s or 0.0) + self._allowed_s + way_s
         before, here, after = self._path.along(place_s + np.array([-SEPARATION.mark_s, 0.0, SEPARATION.mark_s]))
         speeds, bends = (after - before) / (2 * SEPARATION.mark_s), (after - 2 * here + before) / SEPARATION.mark_s**2
-        fastest = np.maximum(np.abs(speeds), TINY)
+        fastest = np.maximum(np.abs(speeds), EPS)
         limits = self._acceleration_rad_s2 / fastest
         least = SEPARATION.least_braking * float(limits.min())
         along = bends * np.sign(speeds) / fastest * self._rate**2
@@ -355,7 +355,7 @@ class ArmMonitor:
         if arm.mode in BRAKED:
             self._mismatches[:] = 0
             return ""
-        measured, told = moved / max(took_s, TINY), (speeds + np.array(before.velocities_rad_s)) / 2
+        measured, told = moved / max(took_s, EPS), (speeds + np.array(before.velocities_rad_s)) / 2
         limit = np.maximum(ARM.speed_off_rad_s, ARM.speed_off * np.maximum(np.abs(measured), np.abs(told)))
         off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
         self._from_rad = np.where(self._mismatches == 0, before.positions_rad, self._from_rad)

@@ -63,7 +63,7 @@ SEPARATION = SeparationLimits()
 
 
 NUMBERS: Array = np.arange(-1, SEPARATION.marks + 1, dtype=np.float64)
-TINY = 1e-9
+EPS = 1e-9
 Following = tuple[JointTrajectory, float]
 
 
@@ -229,11 +229,14 @@ class SeparationMonitor:
         braking = self._braking(path_rad)
         for count in (2, SEPARATION.shares):  # often the first share above the least is too much already
             until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]
-            for most in (SEPARATION.first_asked, None):  # the likely places, then all that could forbid a smaller share
+            for budget in (
+                SEPARATION.first_asked,
+                None,
+            ):  # the likely places, then all that could forbid a smaller share
                 needed_s = until_s.max(axis=0, initial=-np.inf)
                 soonest: Array = np.full(needed_s.shape, np.inf)
                 for arrival in arrivals:
-                    soonest = np.minimum(soonest, arrival.arrives_s(needed_s, most))
+                    soonest = np.minimum(soonest, arrival.earliest_contact_s(needed_s, budget))
                 refused = ~(soonest >= until_s).all(axis=(1, 2))
                 until_s = until_s[: int(refused.argmax()) + 1] if refused.any() else until_s
             if refused.any():
@@ -247,7 +250,7 @@ class SeparationMonitor:
             What each joint may do (6, MARKS), what the path adds to that at full share, and the least of it (MARKS,).
         """
         ways_rad = path_rad[2:] - path_rad[:-2]
-        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * SEPARATION.mark_s), TINY)
+        joints_rad_s = np.maximum(np.abs(ways_rad) / (2 * SEPARATION.mark_s), EPS)
         bends_rad_s2 = (path_rad[2:] - 2 * path_rad[1:-1] + path_rad[:-2]) / SEPARATION.mark_s**2
         limits = np.ascontiguousarray((self._acceleration_rad_s2 / joints_rad_s).T)
         along = np.ascontiguousarray((bends_rad_s2 * np.sign(ways_rad) / joints_rad_s).T)
@@ -264,7 +267,7 @@ class SeparationMonitor:
         pieces: list[NDArray[np.int_]] = []
         played: list[Array] = []
         times_s: list[float] = []
-        while now[1:].max() > least + TINY:
+        while now[1:].max() > least + EPS:
             piece = np.minimum((way_s / SEPARATION.mark_s).astype(int), SEPARATION.marks - 1)
             pieces.append(piece)
             played.append(now)
@@ -276,7 +279,7 @@ class SeparationMonitor:
         until_s: Array = np.full((len(shares), *speeds_m_s.shape), -np.inf)
         if played:
             place = np.array(pieces)
-            fast = ~(speeds_m_s[place] * np.array(played)[..., np.newaxis] <= self.settings.slow_m_s + TINY)
+            fast = ~(speeds_m_s[place] * np.array(played)[..., np.newaxis] <= self.settings.slow_m_s + EPS)
             step, share, link = np.nonzero(fast)  # of several steps in one piece the last counts
             until_s[share, place[step, share], link] = np.array(times_s)[step]
         return until_s
@@ -331,19 +334,19 @@ class _Arrival:
 
     def __init__(self, person: Person, rooms: Rooms, off_m: float, settings: SeparationSettings) -> None:
         self._person, self._rooms, self._off_m, self._settings = person, rooms, off_m + person.doubt_m, settings
-        self._least_s = self._of(rooms.least_m, np.array(person.most_m_s())) - TINY
+        self._least_s = self._of(rooms.least_m, np.array(person.most_m_s())) - EPS
         self._asked = np.zeros(self._least_s.shape, dtype=bool)
 
-    def arrives_s(self, needed_s: Array, most: int | None) -> Array:
-        """(MARKS, L), as measured where it may be before the needed times; infinite elsewhere.
+    def earliest_contact_s(self, deadlines_s: Array, budget: int | None) -> Array:
+        """(MARKS, L), as measured where it may be before the deadlines; infinite elsewhere.
 
         Args:
-            most: so many, the likeliest, are measured; None for all.
+            budget: how many, the likeliest, are measured; None for all.
         """
-        urgent_s = self._least_s - needed_s
+        urgent_s = self._least_s - deadlines_s
         asked = ~(urgent_s >= 0)
-        if most is not None and asked.sum() > most:
-            asked = urgent_s <= np.partition(urgent_s, most, axis=None)[most]
+        if budget is not None and asked.sum() > budget:
+            asked = urgent_s <= np.partition(urgent_s, budget, axis=None)[budget]
         self._asked |= asked
         ends = np.zeros(self._rooms.least_m.shape, dtype=bool)
         ends[-SEPARATION.marks - 1 : -1] |= asked

@@ -49,7 +49,7 @@ class FindLying(CellNode):
         found = []
         for number, detection in enumerate(view.seen):
             away_m = 0.0 if there is None else math.dist(_place(detection), there)
-            vain = self.memory.tried_in_vain(detection)
+            failed = self.memory.tried_in_vain(detection)
             wanted = (
                 detection.lies is not None
                 and part in ("", detection.part)
@@ -60,8 +60,8 @@ class FindLying(CellNode):
                 and not view.on_top(number)
                 and (not self.on_others.get() or raised(self.tools.motion, detection))
             )
-            if wanted and self.after.get() <= vain < self.tries.get() and not self._turned_in_vain(detection):
-                found.append((vain, away_m, -detection.confidence, number))
+            if wanted and self.after.get() <= failed < self.tries.get() and not self._turned_in_vain(detection):
+                found.append((failed, away_m, -detection.confidence, number))
         if not found:
             self.feedback_message = f"no {part or 'part'} lies {'near it' if there else 'there'} that could be taken"
             return Status.FAILURE

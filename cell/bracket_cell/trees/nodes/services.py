@@ -248,10 +248,10 @@ class Services:
         if self._solved_view is not parts:
             self._solved_view, self._solved = parts, {}
         if required not in self._solved:
-            self._solved[required] = self._solution(parts, required)
+            self._solved[required] = self._arbitrate(parts, required)
         return self._solved[required]
 
-    def _solution(self, parts: PartsView, required: int) -> GraspPlan:
+    def _arbitrate(self, parts: PartsView, required: int) -> GraspPlan:
         from bracket_cell.learned.grasp.solution import Solution
 
         if on_top := parts.on_top(required):

@@ -57,15 +57,15 @@ def test_one_sentence_says_what_to_do_and_where(rig: PageRig, moment: str) -> No
 
 def test_what_is_not_certain_is_open_everywhere(rig: PageRig) -> None:
     told = state_of(rig, "unsure")
-    assert {hole["fate"] for name, hole in told["bracket"].items() if name != "p1"} == {"open"}
+    assert {hole["status"] for name, hole in told["bracket"].items() if name != "p1"} == {"open"}
     assert told["bracket"]["p2"]["parts"] == ["o1", "o2"]
     assert told["robot"]["next"] is None
 
 
 def test_what_the_robot_brings_nobody_else_is_asked_to_place(rig: PageRig) -> None:
     told = state_of(rig, "sure")
-    assert told["bracket"]["p4"] == {"fate": "robot", "parts": ["o2"], "who": "", "upright": True}
-    assert told["bracket"]["p2"]["fate"] == "you"
+    assert told["bracket"]["p4"] == {"status": "robot", "parts": ["o2"], "who": "", "upright": True}
+    assert told["bracket"]["p2"]["status"] == "you"
     assert "p4" not in told["instruction"]["holes"]
 
 

@@ -248,16 +248,16 @@ function drawn(placements, holes = null) {
   const ink = { fill: "currentColor", "text-anchor": "middle" };
   const items = places.map(([name, [y, x]]) => {
     const hole = holes?.[name];
-    const fate = hole?.fate ?? "placed";
+    const status = hole?.status ?? "placed";
     const parts = hole ? hole.parts : [placements[name]];
-    const full = fate === "placed";
-    const line = { stroke: hole?.wrong ? "#a8231c" : "#14171b", "stroke-width": hole?.wrong || fate === "robot" ? 0.006 : 0.002 };
-    const dash = full ? {} : { "stroke-dasharray": fate === "robot" ? "0.012 0.005" : "0.005 0.004" };
-    const body = fate === "open"
+    const full = status === "placed";
+    const line = { stroke: hole?.wrong ? "#a8231c" : "#14171b", "stroke-width": hole?.wrong || status === "robot" ? 0.006 : 0.002 };
+    const dash = full ? {} : { "stroke-dasharray": status === "robot" ? "0.012 0.005" : "0.005 0.004" };
+    const body = status === "open"
       ? [make("circle", { cx: x, cy: y, r: 0.024, fill: "none", ...line, ...dash })]
       : [shape(parts[0], x, y, 0.024, { fill: full ? colour(parts[0]) : "none", ...line, ...dash })];
     if (!holes) return make("g", {}, ...body);
-    const letter = hole.wrong ? "!" : { placed: "", robot: "R", you: "↓", open: "?" }[fate];
+    const letter = hole.wrong ? "!" : { placed: "", robot: "R", you: "↓", open: "?" }[status];
     body.push(make("text", { ...ink, x, y: y + 0.011, "font-size": 0.032, "font-weight": 700 }, letter));
     body.push(make("text", { ...ink, x, y: y + 0.046, "font-size": 0.02 }, name));
     return make("g", {}, ...body);
@@ -405,9 +405,9 @@ function showMarks(hand) {
   }
   const { instruction, bracket } = last;
   for (const [name, [x, y, r]] of Object.entries(still.marks.holes)) {
-    const letter = { placed: "", robot: "R", you: "", open: "?" }[bracket[name].fate];
+    const letter = { placed: "", robot: "R", you: "", open: "?" }[bracket[name].status];
     if (letter) marks.push(...halo("text", { x, y: y + 6, "font-size": 18, "font-weight": 700, "text-anchor": "middle" }, letter));
-    if (instruction.holes.includes(name) && bracket[name].fate !== "open") marks.push(...halo("circle", { cx: x, cy: y, r: r * 1.6, fill: "none" }), ...arrow(x, y - r * 1.7));
+    if (instruction.holes.includes(name) && bracket[name].status !== "open") marks.push(...halo("circle", { cx: x, cy: y, r: r * 1.6, fill: "none" }), ...arrow(x, y - r * 1.7));
   }
   const meant = instruction.bins.map((part) => [title(part), still.marks.bins[part]]);
   if (instruction.tray) meant.push(["", still.marks.tray]);
@@ -451,15 +451,15 @@ function showBracket({ bracket, questions }) {
       robot: t("{part}: the robot brings it", { part: parts }),
       you: t("{part}: you place it", { part: parts }),
       open: hole.parts.length ? `${parts}?` : t("not known yet"),
-    }[hole.fate];
-    return make("li", { class: asks ? "asked" : hole.fate, "data-hole": name, title: words }, make("b", {}, `${hole.wrong ? "! " : ""}${name}`), asks && !hole.wrong ? t("here?") : words);
+    }[hole.status];
+    return make("li", { class: asks ? "asked" : hole.status, "data-hole": name, title: words }, make("b", {}, `${hole.wrong ? "! " : ""}${name}`), asks && !hole.wrong ? t("here?") : words);
   });
   $("holes").replaceChildren(...rows);
 }
 
 // Which bracket it may be, by title and picture; one of them where it is known.
 function showGoals({ belief, bracket }) {
-  const open = Object.values(bracket).some((hole) => hole.fate === "open");
+  const open = Object.values(bracket).some((hole) => hole.status === "open");
   const likely = Object.keys(still.goals).filter((goal) => (belief[goal] ?? 0) >= 0.05).sort((a, b) => belief[b] - belief[a]);
   const shown = open ? likely : likely.slice(0, 1);
   const key = JSON.stringify([shown, operates, document.documentElement.lang]);

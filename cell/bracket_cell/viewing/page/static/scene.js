@@ -180,9 +180,9 @@ export class Space {
     this.moving.traverse((one) => one.geometry?.dispose());
     this.moving.clear();
     const inBracket = this.place(new THREE.Group(), this.told.bracket);
-    for (const [name, { fate, parts }] of Object.entries(bracket)) {
-      if (fate === "open" || !parts.length) continue;
-      const part = this.part(parts[0], fate === "placed" ? 1 : GHOST);
+    for (const [name, { status, parts }] of Object.entries(bracket)) {
+      if (status === "open" || !parts.length) continue;
+      const part = this.part(parts[0], status === "placed" ? 1 : GHOST);
       part.position.set(...this.still.holes[name], 0);
       inBracket.add(part);
     }

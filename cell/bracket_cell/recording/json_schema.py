@@ -55,7 +55,8 @@ def with_nulls(kind: Any, value: Any) -> Any:
         return None
     if dataclasses.is_dataclass(kind) and isinstance(value, dict):
         hints = _hints(typing.cast("type", kind))
-        missing = {name: None for name, hint in hints.items() if name not in value and _optional(hint)}
+        optional = (name for name, hint in hints.items() if types.NoneType in typing.get_args(hint))
+        missing = dict.fromkeys(name for name in optional if name not in value)
         return {**missing, **{key: with_nulls(hints.get(key), item) for key, item in value.items()}}
     kind = _bare(kind)
     if dataclasses.is_dataclass(kind):
@@ -95,10 +96,6 @@ def _bare(hint: Any) -> Any:
         kinds = [kind for kind in typing.get_args(hint) if kind is not types.NoneType]
         return kinds[0] if len(kinds) == 1 else hint
     return hint
-
-
-def _optional(hint: Any) -> bool:
-    return types.NoneType in typing.get_args(hint)
 
 
 def _is_table(value: list[Any]) -> bool:

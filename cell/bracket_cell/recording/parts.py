@@ -25,17 +25,14 @@ def parts_of(log: Path) -> list[Path]:
     Args:
         log: the name of the log without a part's number.
     """
-    found = [path for path in log.parent.glob(f"{_escaped(log.stem)}.*{log.suffix}") if _is_part(path, log)]
+    beside = log.parent.glob(f"{_escaped(log.stem)}.*{log.suffix}")
+    found = [path for path in beside if part_number(path) is not None and whole_path(path) == log]
     return sorted(found, key=lambda path: part_number(path) or 0)
 
 
 def whole_path(part: Path) -> Path:
     """The name of the log that a part belongs to."""
     return part.with_name(PART.sub(".mcap", part.name))
-
-
-def _is_part(path: Path, log: Path) -> bool:
-    return part_number(path) is not None and whole_path(path) == log
 
 
 def _escaped(text: str) -> str:

@@ -39,8 +39,7 @@ from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import LOGGED_AS, NOBODY, Observation
 from bracket_ground.interfaces.perception import BenchView, PartsView
 
-# Most ticks leave them out.
-USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals", "holding_faults")
+USUALLY_NOTHING = ("troubles", "late_s", "acknowledged", "operator", "signals", "holding_faults")  # mostly absent
 LEVELS = {"info": messages.LogLevel.Info, "warning": messages.LogLevel.Warning, "error": messages.LogLevel.Error}
 
 
@@ -293,11 +292,7 @@ class McapRecorder(Observer):
             "parts": seen.parts and seen.parts.sequence,
             "share": seen.speed_scale,
             "work_s": seen.work_s,
-            **{
-                LOGGED_AS.get(name, name): plain(value)
-                for name in USUALLY_NOTHING
-                if (value := getattr(seen, name)) and value != NOBODY
-            },
+            **{LOGGED_AS.get(n, n): plain(v) for n in USUALLY_NOTHING if (v := getattr(seen, n)) and v != NOBODY},
         }
         self._saw("/observation", stamp_ns, values)
 

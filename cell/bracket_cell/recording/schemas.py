@@ -198,11 +198,7 @@ def _array(values: Any) -> Any:
     return values.tolist() if finite else plain(values.tolist())
 
 
-def _as_it_is(value: Any) -> Any:
-    return value
-
-
-_CONVERTERS: dict[type, Convert] = dict.fromkeys((type(None), str, bool, int), _as_it_is)
+_CONVERTERS: dict[type, Convert] = dict.fromkeys((type(None), str, bool, int), lambda value: value)
 
 
 def _key(key: object) -> str:

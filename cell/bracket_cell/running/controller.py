@@ -219,11 +219,8 @@ class Controller:
         """Observe, and let the supervisor judge; the observation says what it allows."""
         self._watchdog.tick()
         seen, joints = self.observe(), self._reader.samples()
-        self._judgement = self._supervisor.judge(seen)
-        judgement = self._judgement
-        self._seen = self._actor.seen(
-            replace(seen, speed_scale=judgement.speed_scale, holding_faults=judgement.holding_faults)
-        )
+        self._judgement = made = self._supervisor.judge(seen)
+        self._seen = self._actor.seen(replace(seen, speed_scale=made.speed_scale, holding_faults=made.holding_faults))
         if seen.acknowledged:
             paused = seen.operator.pause == "now"
             self._observers.say(

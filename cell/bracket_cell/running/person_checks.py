@@ -48,12 +48,10 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         return FaultReport(words) if words else None
 
     def near(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
-        found = separation(seen, memory)
-        if found is None or compared(
-            "supervisor hand_near", "full_share", found.speed_scale, ">=", 1.0, SOURCE, **given
-        ):
+        now = separation(seen, memory)
+        if now is None or compared("supervisor hand_near", "full_share", now.speed_scale, ">=", 1.0, SOURCE, **given):
             return None
-        return FaultReport("slower, as a hand is near", found.speed_scale)
+        return FaultReport("slower, as a hand is near", now.speed_scale)
 
     def too_near(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
         found = separation(seen, memory)
@@ -73,9 +71,8 @@ def person_checks(monitor: SeparationMonitor) -> dict[str, Check]:
         if not found.distance_m >= found.least_m + slack_m:  # else only a motion before asks for more room
             memory.retreat_scale = found.retreat_scale
         words = "the hand is too near" + "; the arm moves away from it, slowly" * (memory.retreat_scale > 0)
-        return FaultReport(
-            "it is not known how near a hand is" if found is UNKNOWN else words, retreat_scale=memory.retreat_scale
-        )
+        words = "it is not known how near a hand is" if found is UNKNOWN else words
+        return FaultReport(words, retreat_scale=memory.retreat_scale)
 
     def blind(seen: Observation, _: Command, __: Memory) -> FaultReport | None:
         view, joints = seen.bench, seen.arm.known_rad(monitor.outline.joints)

@@ -17,7 +17,7 @@ from bracket_ground.interfaces.pose import Array
 SWING_RAD = 0.25  # of the base
 SWINGS = 4  # there and back
 SHARE = 0.6
-DOWNSAMPLE = 4  # pixels of the image in one that is compared
+TILE = 4  # pixels of the image in one that is compared
 LEAST_S, MOST_S, STEP_S = -0.2, 1.0, 0.002  # delays that are tried
 LEAST_FIT = 0.7  # correlation of what is seen and what the joints did
 SMOOTH_S = 0.02
@@ -105,7 +105,7 @@ def _changed(difference: Array) -> float:
 
 def _small(frame: Frame) -> Array:
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
-    return np.asarray(cv2.resize(grey, None, fx=1 / DOWNSAMPLE, fy=1 / DOWNSAMPLE, interpolation=cv2.INTER_AREA), float)
+    return np.asarray(cv2.resize(grey, None, fx=1 / TILE, fy=1 / TILE, interpolation=cv2.INTER_AREA), float)
 
 
 def _free_swing(start: Array, motion: MotionPlanner) -> float:

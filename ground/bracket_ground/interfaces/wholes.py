@@ -28,9 +28,7 @@ def with_wholes(file: dict[str, Any], read: type[PartType], context: Any) -> dic
     found = {}
     for name, part in parts.items():
         names = part.get(MADE_OF) if isinstance(part, dict) and "size_m" not in part else None
-        entries = (
-            [parts.get(below) for below in names if isinstance(below, str)] if isinstance(names, list | tuple) else []
-        )
+        entries = [parts.get(key) for key in names if isinstance(key, str)] if isinstance(names, list | tuple) else []
         plain = [entry for entry in entries if isinstance(entry, dict) and not entry.get(MADE_OF)]
         if not plain:
             continue

@@ -76,9 +76,7 @@ def encounters(
         kept.add(row)
     found = summary(kept.rows)
     ratios = {
-        f"with_over_without {tree.stem} {who}": throughput_ratio(kept.rows, tree, who)
-        for tree in trees
-        for who in BESIDE
+        f"with_over_without {xml.stem} {who}": throughput_ratio(kept.rows, xml, who) for xml in trees for who in BESIDE
     }
     told = {**experiment, **found, **ratios}
     console().print(told)

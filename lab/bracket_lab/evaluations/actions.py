@@ -290,9 +290,7 @@ def _count(tally: Tally, source: Source, watcher: _Watcher, classes: Classes) ->
     tally.placed += len(events)
     tally.placed_hidden += sum(hidden)
     tally.right += sum(delay_s is not None for delay_s in delays_s)
-    tally.right_hidden += sum(
-        delay_s is not None for delay_s, is_hidden in zip(delays_s, hidden, strict=True) if is_hidden
-    )
+    tally.right_hidden += sum(delay_s is not None for delay_s, hid in zip(delays_s, hidden, strict=True) if hid)
     tally.delays_s += [delay_s for delay_s in delays_s if delay_s is not None]
     tally.told += len(watcher.told)
     tally.told_by_hand += len(watcher.told_by_hand)

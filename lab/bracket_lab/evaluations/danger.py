@@ -131,9 +131,7 @@ class TrueDistance:
         self._cell, self._model, self._data = cell, cell.world.model, cell.world.data
         touch = list(zip(self._model.geom_contype, self._model.geom_conaffinity, strict=True))
         self._skin = self._of(touch, palette.SKIN_TOUCH)
-        self._robot = np.concatenate(
-            [self._of(touch, touching) for touching in (palette.ROBOT_TOUCH, palette.HAND_ONLY_TOUCH)]
-        )
+        self._robot = np.concatenate([self._of(touch, own) for own in (palette.ROBOT_TOUCH, palette.HAND_ONLY_TOUCH)])
 
     def breached(self) -> tuple[bool, ...]:
         """For each of HANDS_M_S, whether a link is nearer than S_p = v_h (T_r + T_s) + v_r T_r + S_s and moves."""

@@ -213,7 +213,7 @@ class Worker:
     def _assemble(self) -> Script:
         self._events.begin("idle")
         while True:
-            yield from self._pause()
+            yield from self._work.wait(sample(self._person.pause_s, self._rng))
             yield from self._answer()
             if self._errands is not None:
                 yield from self._errands.tidy_up()
@@ -427,9 +427,6 @@ class Worker:
             self._events.begin("transit")
             yield from self._work.reach(self._rest_m, self._turned_rad, RELAXED_GAP_M, arch_m=ARCH_M)
         self._events.begin("idle")
-
-    def _pause(self) -> Script:
-        yield from self._work.wait(sample(self._person.pause_s, self._rng))
 
     def _let_robot_work(self) -> Script:
         """Rest while the arm moves or is not parked; go on if it just stands there or asks for help."""

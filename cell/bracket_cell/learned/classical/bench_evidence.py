@@ -109,7 +109,7 @@ Mask = NDArray[np.uint8]
 RISES = "something stands over the bench that is not seen as a hand"
 NO_HAND = "something reaches into the view that is not seen as a hand"
 TURNS = {"mirrored": (1,), "upside down": (0, 1), "mirrored and upside down": (0,)}  # by the axes that are turned over
-DOWNSAMPLE = 4  # pixels of the image in one of the small image, along both axes
+TILE = 4  # pixels of the image in one of the small image, along both axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class Landmarks:
 
     def open_to(self, hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(landmarks,) which have nothing in front of them, by a small image."""
-        column, row = self.places[len(self.places) // 2, self._starts].T // DOWNSAMPLE
+        column, row = self.places[len(self.places) // 2, self._starts].T // TILE
         open_: NDArray[np.bool_] = ~hidden[row, column]
         return open_
 
@@ -200,7 +200,7 @@ def leaves_in_view(bench: Bench, product: Product) -> Callable[[Array], bool]:
     """
     landmarks, model = Landmarks.of(bench, product), bench.overhead.model
     view = View(model, bench.overhead.mount.pose)
-    shape = model.height_px // DOWNSAMPLE, model.width_px // DOWNSAMPLE
+    shape = model.height_px // TILE, model.width_px // TILE
 
     def leaves(robot_m: Array) -> bool:
         open_ = landmarks.open_to(near_robot(robot_outline(robot_m, view, shape)))
@@ -223,7 +223,7 @@ class SceneConsistency:
         self._view = View(model, bench.overhead.mount.pose)
         self._landmarks = Landmarks.of(bench, product)
         self._bins = [_around(self._view, place) for place in bench.bins_m.values()]
-        shape = model.height_px // DOWNSAMPLE, model.width_px // DOWNSAMPLE
+        shape = model.height_px // TILE, model.width_px // TILE
         self._reference = np.zeros((*shape, 3), np.float32)
         self._frames = np.zeros(shape, np.float32)  # that it was made of
         self._edge = person_edge(bench)
@@ -242,7 +242,7 @@ class SceneConsistency:
         """One frame more.
 
         Args:
-            small: every pixel the mean of DOWNSAMPLE x DOWNSAMPLE of the image, in colour.
+            small: every pixel the mean of TILE x TILE of the image, in colour.
             grey: the image in grey.
         """
         now_s, since_s = frame.time_s, frame.time_s - self._compared_s
@@ -383,8 +383,8 @@ def _edge_at(column: float, row: float) -> Edge:
 
 def _around(view: View, place: Sequence[float]) -> tuple[slice, slice]:
     """Rows and columns of the coarse image around a place of the bench."""
-    column, row = view.pixels(np.array([place], float))[0] / (3 * DOWNSAMPLE)
-    reach = view.pixels_per_m(place) * SCENE.bin_m / (3 * DOWNSAMPLE)
+    column, row = view.pixels(np.array([place], float))[0] / (3 * TILE)
+    reach = view.pixels_per_m(place) * SCENE.bin_m / (3 * TILE)
     rows, columns = (slice(max(0, round(at - reach)), max(0, round(at + reach) + 1)) for at in (row, column))
     return rows, columns
 
@@ -393,7 +393,7 @@ def _tray(view: View, bench: Bench, shape: tuple[int, int]) -> NDArray[np.bool_]
     """Pixels of a small image that show the inside of the tray."""
     mask, half, (x, y, z) = np.zeros(shape, np.uint8), np.array(bench.tray.size_m) / 2, bench.tray.centre_m
     corners = np.array([[x + a * half[0], y + b * half[1], z] for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1))])
-    cv2.fillConvexPoly(mask, np.rint(view.pixels(corners) / DOWNSAMPLE).astype(np.int32), 1)
+    cv2.fillConvexPoly(mask, np.rint(view.pixels(corners) / TILE).astype(np.int32), 1)
     return cv2.erode(mask, np.ones((3, 3), np.uint8)) > 0
 
 
@@ -419,7 +419,7 @@ def robot_outline(robot_m: Array | None, view: View, shape: tuple[int, ...]) -> 
         points_m = robot_m.reshape(-1, 3)
         links = len(robot_m)
         behind = np.reshape(view.depths(points_m) < LEAST_DEPTH_M, (links, -1)).any(axis=1)
-        pixels = (view.pixels(points_m) / DOWNSAMPLE).reshape(links, -1, 2)
+        pixels = (view.pixels(points_m) / TILE).reshape(links, -1, 2)
         for link in pixels[~behind]:
             cv2.fillConvexPoly(mask, outline(link).round().astype(np.int32), 1)
     return mask
@@ -433,7 +433,7 @@ def near_robot(robot: Mask) -> NDArray[np.bool_]:
 def _towards(edge: Edge, hand: HandSample, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """A hand in a small image, and all between it and an edge: arms come from there, askew by up to 45 degrees."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
-    left, top, right, bottom = (value / DOWNSAMPLE for value in hand.box_px)
+    left, top, right, bottom = (value / TILE for value in hand.box_px)
     ahead, aside, start, low, high = {
         "bottom": (rows, columns, top, left, right),
         "top": (-rows, columns, -bottom, left, right),

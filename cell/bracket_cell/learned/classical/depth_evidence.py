@@ -14,7 +14,7 @@ from bracket_cell.learned.classical.box_model import View
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.pose import Array
 
-DOWNSAMPLE = 4  # pixels of the image in one of the small image, along both axes
+TILE = 4  # pixels of the image in one of the small image, along both axes
 RISES_M = 0.045  # least; a part that was set down is as high, but smaller
 FRAMES_VALID = 4  # without robot and hand, until a pixel of the reference counts
 REFERENCE_GAIN, REFERENCE_GAIN_RISEN = 1 / 16, 1 / 256  # shares by which the reference follows in a frame
@@ -29,8 +29,8 @@ class DepthEvidence:
     def __init__(self, bench: Bench) -> None:
         model = bench.overhead.model
         view = View(model, bench.overhead.mount.pose)
-        rows, columns = np.mgrid[0 : model.height_px // DOWNSAMPLE, 0 : model.width_px // DOWNSAMPLE]
-        middles = np.stack([columns, rows], axis=-1).reshape(-1, 2) * DOWNSAMPLE + (DOWNSAMPLE - 1) / 2
+        rows, columns = np.mgrid[0 : model.height_px // TILE, 0 : model.width_px // TILE]
+        middles = np.stack([columns, rows], axis=-1).reshape(-1, 2) * TILE + (TILE - 1) / 2
         straight = model.normalised(model.straightened(middles))
         rays = np.column_stack([straight, np.ones(len(straight))]) @ view.world_from_camera.rotation.T
         self._falls: Array = rays[:, 2].reshape(rows.shape)  # of a point with its distance from the image plane
@@ -45,9 +45,7 @@ class DepthEvidence:
             hidden: small pixels that robot or hands may be in front of.
         """
         shape = self._frames.shape
-        blocks = depth_mm[: shape[0] * DOWNSAMPLE, : shape[1] * DOWNSAMPLE].reshape(
-            shape[0], DOWNSAMPLE, shape[1], DOWNSAMPLE
-        )
+        blocks = depth_mm[: shape[0] * TILE, : shape[1] * TILE].reshape(shape[0], TILE, shape[1], TILE)
         nearest = np.where(blocks > 0, blocks, np.iinfo(np.uint16).max).min(axis=(1, 3))
         known = nearest < np.iinfo(np.uint16).max
         if known.mean() < LEAST_KNOWN:

@@ -15,14 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.classical.bench_evidence import (
-    DOWNSAMPLE,
-    SCENE,
-    Mask,
-    SceneConsistency,
-    near_robot,
-    robot_outline,
-)
+from bracket_cell.learned.classical.bench_evidence import SCENE, TILE, Mask, SceneConsistency, near_robot, robot_outline
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.learned.classical.due_change import DueChange
 from bracket_cell.learned.classical.grain import Grain
@@ -100,8 +93,8 @@ class _Looked:
     """What follows from an image alone.
 
     Attributes:
-        samples: every DOWNSAMPLE-th pixel along both axes.
-        small: the means of DOWNSAMPLE x DOWNSAMPLE pixels.
+        samples: every TILE-th pixel along both axes.
+        small: the means of TILE x TILE pixels.
         high, low: the brightest and the darkest channel of those.
         grey: the image in grey.
     """
@@ -270,14 +263,14 @@ class Freshness:
 def _uncovered(view: View, bench: Bench) -> NDArray[np.bool_]:
     """Small pixels that no obstacle hides."""
     covered = obstacle_mask(view, bench)
-    size = view.model.width_px // DOWNSAMPLE, view.model.height_px // DOWNSAMPLE
+    size = view.model.width_px // TILE, view.model.height_px // TILE
     small: NDArray[np.bool_] = np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA)) == 0
     return small
 
 
 def _look(image: NDArray[np.uint8]) -> _Looked:
-    samples = np.ascontiguousarray(image[::DOWNSAMPLE, ::DOWNSAMPLE])
-    small = cv2.resize(image, None, fx=1 / DOWNSAMPLE, fy=1 / DOWNSAMPLE, interpolation=cv2.INTER_AREA)
+    samples = np.ascontiguousarray(image[::TILE, ::TILE])
+    small = cv2.resize(image, None, fx=1 / TILE, fy=1 / TILE, interpolation=cv2.INTER_AREA)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
     red, green, blue = cv2.split(small)
     high, low = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)

@@ -206,7 +206,8 @@ class HandTracks:
                 track.away = track.away or not robot.under(readings[r])
         taken = {r for _, r in pairs}
         for reading in self._believed([reading for r, reading in enumerate(readings) if r not in taken], now_s):
-            away = not robot.under(reading) or self._was_seen(reading)
+            back = (_apart_px(track.reading.centre_px, reading.centre_px) < self._near_px for track in self._lost)
+            away = not robot.under(reading) or any(back)
             if away or not robot.explains(reading):
                 self._tracks.append(_Track.begun(reading, now_s, away))
 
@@ -221,10 +222,6 @@ class HandTracks:
             for reading, times_s in zip(left, before, strict=True)
             if reading.confidence >= self._new_confidence or len(times_s) >= DOUBTFUL_N - 1
         ]
-
-    def _was_seen(self, reading: Reading) -> bool:
-        """Whether a hand was lost about there: it may have come back."""
-        return any(_apart_px(track.reading.centre_px, reading.centre_px) < self._near_px for track in self._lost)
 
     def _choose(self, seen: list[_Track]) -> None:
         """Which hand works: the one that did, unless another looks more like it by far.

@@ -81,7 +81,8 @@ class LyingFitter:
         guesses = [replace(guess, agreement=scene.agreements(guess.model, guess.poses)[0]) for guess in guesses]
         for step, later in zip(STEPS, LATER, strict=True):
             guesses = _promising([_finer(scene, guess, *step) for guess in guesses], later)
-        return _surest([(guess, guess.agreement + PEG_WEIGHT * _peg(scene, guess)) for guess in guesses])
+        pegs = [scene.peg_contrast(guess.model, guess.poses, guess.up == "-z") for guess in guesses]
+        return _surest([(guess, guess.agreement + PEG_WEIGHT * peg) for guess, peg in zip(guesses, pegs, strict=True)])
 
     def agreement(self, frame: Frame, box_px: Sequence[int], part: str, world_from_part: Pose, hidden: Mask) -> float:
         """How well a part at some pose agrees with what stands out in a box; 1 where nothing does."""
@@ -135,10 +136,6 @@ def _promising(guesses: Sequence[_Guess], later: float) -> list[_Guess]:
     if best + later < LEAST_AGREEMENT:
         return []
     return [guess for guess in guesses if guess.agreement + later + PEG_WEIGHT > best]
-
-
-def _peg(scene: Scene, guess: _Guess) -> float:
-    return scene.peg_contrast(guess.model, guess.poses, guess.up == "-z")
 
 
 def _surest(scored: Sequence[tuple[_Guess, float]]) -> LyingFit | None:

@@ -85,9 +85,7 @@ class StackReader:
         )
         told = []
         for number, (kind, place, yaw) in enumerate(zip(kinds, places_m, yaws_rad, strict=True)):
-            on_top, carrying = (
-                float(value) for value in 1.0 / (1.0 + np.exp(-answer["stacked"][number].astype(float)))
-            )
+            on_top, carrying = (float(p) for p in 1.0 / (1.0 + np.exp(-answer["stacked"][number].astype(float))))
             known = kind < len(self._kinds)
             lies = lying_pose(answer["lies"][number, kind], place, yaw, self._kinds[kind]) if known else None
             told.append(Told(on_top, carrying, lies))

@@ -141,9 +141,7 @@ class Comparison:
         self.rounded_ticks += bool(found) and not differences
         self.differing_ticks += bool(differences)
         self.at_first = self.at_first or list(differences)
-        if "command" not in self.first_by_aspect and (
-            node := next((diff.node for diff in differences if diff.node), "")
-        ):
+        if "command" not in self.first_by_aspect and (node := next((row.node for row in differences if row.node), "")):
             self.command_node = node
         for difference in differences if "command" not in self.first_by_aspect else ():
             self.first_by_node.setdefault(difference.node, difference)

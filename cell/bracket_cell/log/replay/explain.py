@@ -139,9 +139,7 @@ def _answered(comparison: Comparison, changed: Iterable[Change]) -> _Found:
     turned = {(turn.tick, turn.now.by) for turn in comparison.turns}
     for path, first in comparison.first_by_node.items():
         if path in nodes and (first.tick, path) not in turned:
-            was, now = (
-                ", ".join(map(str, side)) if isinstance(side, list) else side for side in (first.was, first.now)
-            )
+            was, now = (", ".join(map(str, v)) if isinstance(v, list) else v for v in (first.was, first.now))
             name = NUMBER.sub("", path)
             yield first.tick, 3, f"{_at(first)}: {name}: {was} -> {now}; changed: {', '.join(nodes[path])}"
 

@@ -13,7 +13,7 @@ from bracket_cell.log.replay.logged_tree import logged_motion, logged_tree
 from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.trees.rules import Situation, watch_of
-from btxml.rules import Nodes, Violation, nodes_of
+from btxml.rules import Violation, nodes_of
 
 OUTCOMES = ("kept", "broken", "unknown")
 
@@ -55,7 +55,9 @@ def judge(path: Path, rules: Sequence[Path], nodes: Sequence[str] = (), beside: 
         nonlocal count
         count += 1
         known.follow(tick.changes)
-        violations.extend(watch.step(tick.number, _situation(tick, entries, known, kinematics)))
+        violations.extend(
+            watch.step(tick.number, Situation(tick.time_s, tick.observation, tick.command, entries, known, kinematics))
+        )
 
     lacks = [log.unfinished] if log.unfinished else []
     if watch.names_entries:
@@ -79,10 +81,6 @@ def _replayed(log: Log, changes: Changes, take: Any) -> list[str]:
 
     Replay(log, changes).run(watch=step)
     return found
-
-
-def _situation(tick: LoggedTick, entries: Mapping[str, Any], nodes: Nodes, kinematics: Kinematics) -> Situation:
-    return Situation(tick.time_s, tick.observation, tick.command, entries, nodes, kinematics)
 
 
 def rule_lines(judged: Sequence[Judged]) -> list[str]:

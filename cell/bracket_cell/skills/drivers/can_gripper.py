@@ -145,7 +145,8 @@ class CanGripper:
         if fault >= MAJOR_FAULT and not (fault == NO_COMMUNICATION and self._just_adopted):
             kind = DeviceFault if fault == NO_COMMUNICATION else LatchedFault
             raise kind("gripper", f"fault 0x{fault:02X}: {self._meanings.get(fault, 'unknown')}")
-        echoed = self._repeats(self._status)
+        # Else it is an old answer, to be taken for no new one.
+        echoed = self._echoed(self._status, self._command.encode(self._request))
         state = GripperState(
             self._status_s,
             self._status["gSTA"] == ACTIVE and not self._restarted,
@@ -321,10 +322,6 @@ class CanGripper:
         gone_s = self._clock.now_s() - self._unheard_s
         if gone_s > UNHEARD_S:
             raise DeviceFault("gripper", f"commands do not go out over the CAN bus: the last one {gone_s:.2f} s ago")
-
-    def _repeats(self, status: Mapping[str, float]) -> bool:
-        """Whether the status echoes the last command; else it is an old answer, to be taken for no new one."""
-        return self._echoed(status, self._command.encode(self._request))
 
     def _echoed(self, status: Mapping[str, float], data: bytes) -> bool:
         asked = _decoded(self._command, data)

@@ -373,7 +373,9 @@ class UrcapWire:
 
     def read(self) -> bytes:
         """As in `Wire`."""
-        told = {name: self._get(name) for name in ("ACT", "GTO", "STA", "OBJ", "FLT", "PRE", "POS", "COU")}
+        names = ("ACT", "GTO", "STA", "OBJ", "FLT", "PRE", "POS", "COU")
+        answers = {name: self._ask(f"GET {name}", name.encode() + rb" (\d+)")[1] for name in names}
+        told = {name: min(int(answer), 255) for name, answer in answers.items()}
         first = told["ACT"] | told["GTO"] << 3 | told["STA"] << 4 | told["OBJ"] << 6
         return bytes((first, 0, told["FLT"], told["PRE"], told["POS"], told["COU"]))
 
@@ -386,9 +388,6 @@ class UrcapWire:
     def close(self) -> None:
         """Let go of the socket."""
         self._socket.close()
-
-    def _get(self, name: str) -> int:
-        return min(int(self._ask(f"GET {name}", name.encode() + rb" (\d+)")[1]), 255)
 
     def _ask(self, line: str, answer: bytes) -> re.Match[bytes]:
         """One line, one answer; after another one nobody knows which belongs to what."""

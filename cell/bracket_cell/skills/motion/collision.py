@@ -304,7 +304,8 @@ def standing_boxes(product: Product, bench: Bench) -> tuple[Box, ...]:
     """Table, bracket, tray and places with their rims, and the person's bins with what they may hold."""
     table = Box("the table", Pose((0.6, 0.0, -TABLE_M[2] / 2)), TABLE_M)
     bins = (_bin_box(product, bench, name) for name in product.assembled)
-    return (table, _bracket_box(product, bench), *_tray_boxes(bench), *bins, *_place_boxes(product, bench))
+    tray = _with_rim("the tray", Pose(bench.tray.centre_m), bench.tray.size_m, bench.tray.wall_m)
+    return (table, _bracket_box(product, bench), *tray, *bins, *_place_boxes(product, bench))
 
 
 def standing_m(product: Product, bench: Bench) -> dict[str, Array]:
@@ -365,10 +366,6 @@ def _place_boxes(product: Product, bench: Bench) -> Iterator[Box]:
     for name, place in bench.places.items():
         size_m = place.size_m(product.longest_m(place.holds))
         yield from _with_rim(name, place.pose, size_m, place.wall_m)
-
-
-def _tray_boxes(bench: Bench) -> tuple[Box, ...]:
-    return _with_rim("the tray", Pose(bench.tray.centre_m), bench.tray.size_m, bench.tray.wall_m)
 
 
 def _with_rim(name: str, pose: Pose, size_m: tuple[float, float], wall_m: float) -> tuple[Box, ...]:

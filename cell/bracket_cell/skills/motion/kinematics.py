@@ -82,7 +82,7 @@ class Kinematics:
         usual = self.solved(world_from_tool, self.turned_to(self.usual_rad, world_from_tool))
         found = [] if usual is None else [self.wrapped(usual, near)]
         yield from found
-        for start in self._other_starts(world_from_tool, near):
+        for start in (self.turned_to(near, world_from_tool), near, *self.starts_near(world_from_tool, TRIED)):
             joints = self.solved(world_from_tool, start)
             if joints is not None:
                 joints = self.wrapped(joints, near)
@@ -154,10 +154,6 @@ class Kinematics:
         if key not in _USUAL:
             _USUAL[key] = usual_posture(self, self._postures)
         return _USUAL[key]
-
-    def _other_starts(self, world_from_tool: Pose, near_rad: Array) -> list[Array]:
-        """Postures to begin from beside the usual one: the present one, and sampled ones near the pose."""
-        return [self.turned_to(near_rad, world_from_tool), near_rad, *self.starts_near(world_from_tool, TRIED)]
 
     def _other_turns(self, joints_rad: Array) -> Iterator[Array]:
         """The same pose with a joint turned by a whole turn more, within the limits."""

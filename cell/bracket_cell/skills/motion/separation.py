@@ -229,10 +229,7 @@ class SeparationMonitor:
         braking = self._braking(path_rad)
         for count in (2, SEPARATION.shares):  # often the first share above the least is too much already
             until_s = self._fast_until_s(braking, speeds_m_s, shares[:count])[1:]
-            for budget in (
-                SEPARATION.first_asked,
-                None,
-            ):  # the likely places, then all that could forbid a smaller share
+            for budget in (SEPARATION.first_asked, None):  # likely places, then all that could forbid a smaller share
                 needed_s = until_s.max(axis=0, initial=-np.inf)
                 soonest: Array = np.full(needed_s.shape, np.inf)
                 for arrival in arrivals:

@@ -95,7 +95,7 @@ def _outside(group: list[Use]) -> Iterator[Problem]:
 
 def _misnomers(group: list[Use], words: Words) -> Iterator[Problem]:
     """Names that are spelt out for an entry, in a script or in what a SubTree is given, and that do not exist."""
-    takers = [use for use in group if use.reads and _has_names(use.kind, words)]
+    takers = [use for use in group if use.reads and isinstance(use.kind, type) and use.kind in words]
     for use in group:
         constant = use.constant if isinstance(use.constant, str) else None
         spelt_out = constant if use.sign else use.entry.text if use.writes and not use.turn else None
@@ -161,10 +161,6 @@ def _agree(use: Use, typed: Use) -> bool:
         return typed.kind in (bool, int, float)
     classes = isinstance(use.kind, type) and isinstance(typed.kind, type)
     return classes and not use.writes and use.kind not in (int, float) and issubclass(typed.kind, use.kind)
-
-
-def _has_names(kind: Any, words: Words) -> bool:
-    return isinstance(kind, type) and kind in words
 
 
 def _is_text(kind: Any) -> bool:

@@ -286,11 +286,6 @@ def _data_share(asked: Training) -> float:
     return ACTION_DATA if asked.kind in ("slim", "track") or asked.tracker else VGG16_DATA
 
 
-def _recording_s(share: Share) -> float:
-    """Processor time of a recording."""
-    return ACTION_TRACKED_S if share.tracker else ACTION_PHYSICS_S if share.physics else ACTION_S
-
-
 def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Path], Path]:
     """Folders of assemblies by the simulated person, to learn from and for the scores."""
     if asked.tracker and asked.look is None:
@@ -304,7 +299,10 @@ def recordings(asked: Training, weights: Path, budget_s: float) -> tuple[list[Pa
             raise InputError(f"--tracker mediapipe: its networks are not there; fetch them once with: {FETCH}")
         console().print(f"no recordings with MediaPipe's hands: its networks come with: {FETCH}", highlight=False)
         shares = [share for share in shares if share not in missing]
-    each_s = sum(share.share * _recording_s(share) for share in shares)
+    each_s = sum(
+        share.share * (ACTION_TRACKED_S if share.tracker else ACTION_PHYSICS_S if share.physics else ACTION_S)
+        for share in shares
+    )
     count = max(4, int(_data_share(asked) * budget_s / each_s))
     flags = ("--thin", "--gaps", *(["--frames"] if asked.kind in WHOLE_FRAMES else []))
     return made(

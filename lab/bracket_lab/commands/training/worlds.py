@@ -244,9 +244,7 @@ def data_app(film: Film | None = None) -> typer.Typer:
     """
     app = typer.Typer(no_args_is_help=True)
     for name, data_set in DATA_SETS.items():
-        options = [
-            option for option in (*data_set.common, *data_set.options) if film is not None or option != "beside_robot"
-        ]
+        options = [key for key in (*data_set.common, *data_set.options) if film is not None or key != "beside_robot"]
         make = command_from(Data, *options)(partial(write_data, name=name, film=film))
         app.command(name, help=data_set.help)(make)
     return app

@@ -98,43 +98,39 @@ def faults(scene: StackedScene, where: Where, classes: Sequence[str] | None) -> 
     yield from _cycle_faults(scene, where)
 
 
-def _box_faults(scene: StackedScene, thing: StackedObject, place: Place) -> Iterator[Problem]:
-    left, top, right, bottom = thing.box_px
+def _box_faults(scene: StackedScene, obj: StackedObject, place: Place) -> Iterator[Problem]:
+    left, top, right, bottom = obj.box_px
     width, height = scene.size_px
     if not (left < right and top < bottom):
-        yield Problem(
-            place, f"the box of object {thing.index} is empty: {_told(thing)}", "left < right and top < bottom"
-        )
+        yield Problem(place, f"the box of object {obj.index} is empty: {_told(obj)}", "left < right and top < bottom")
     if min(left, top) < -BORDER_PX or right > width + BORDER_PX or bottom > height + BORDER_PX:
-        what = f"the box of object {thing.index} is outside the picture of {width} x {height} pixels: {_told(thing)}"
+        what = f"the box of object {obj.index} is outside the picture of {width} x {height} pixels: {_told(obj)}"
         yield Problem(place, what)
 
 
-def _told(thing: StackedObject) -> str:
-    return " ".join(f"{value:g}" for value in thing.box_px)
+def _told(obj: StackedObject) -> str:
+    return " ".join(f"{value:g}" for value in obj.box_px)
 
 
-def _link_faults(scene: StackedScene, thing: StackedObject, place: int, where: Where) -> Iterator[Problem]:
+def _link_faults(scene: StackedScene, obj: StackedObject, place: int, where: Where) -> Iterator[Problem]:
     """Fathers and children must be there, and name each other."""
     others = {other.index: other for other in scene.objects}
     sides: tuple[tuple[Part, tuple[int, ...], str, str], ...] = (
-        ("fathers", thing.fathers, "father", "child"),
-        ("children", thing.children, "child", "father"),
+        ("fathers", obj.fathers, "father", "child"),
+        ("children", obj.children, "child", "father"),
     )
     for part, named, said, back in sides:
         for number in named:
-            if number == thing.index:
+            if number == obj.index:
                 yield Problem(where(place, part), f"object {number} is its own {said}")
             elif number not in others:
                 legal = f"there are {', '.join(map(str, sorted(others)))}"
-                yield Problem(
-                    where(place, part), f"object {thing.index} has {said} {number}, which is not there", legal
-                )
-            elif thing.index not in (others[number].children if said == "father" else others[number].fathers):
-                what = f"object {thing.index} has {said} {number}, but {number} does not have {back} {thing.index}"
+                yield Problem(where(place, part), f"object {obj.index} has {said} {number}, which is not there", legal)
+            elif obj.index not in (others[number].children if said == "father" else others[number].fathers):
+                what = f"object {obj.index} has {said} {number}, but {number} does not have {back} {obj.index}"
                 yield Problem(where(place, part), what, "both sides of a relation are written")
         if repeated := sorted({number for number in named if named.count(number) > 1}):
-            yield Problem(where(place, part), f"object {thing.index} names {said} {repeated[0]} twice")
+            yield Problem(where(place, part), f"object {obj.index} names {said} {repeated[0]} twice")
 
 
 def _cycle_faults(scene: StackedScene, where: Where) -> Iterator[Problem]:

@@ -134,17 +134,15 @@ def _write(path: Path, views: Iterable[StackView]) -> None:
         "counts": np.array([len(view.names) for view in views]),
         "names": np.array([name for view in views for name in view.names], dtype=str),
         "boxes": np.concatenate([view.boxes.reshape(-1, 4) for view in views]),
-        "tops": np.concatenate([_tops(view) for view in views]),
+        "tops": np.concatenate(
+            [np.full(len(view.names), np.nan) if view.tops_m is None else view.tops_m for view in views]
+        ),
         "regions": np.concatenate([view.regions for view in views]),
         "unions": np.concatenate([view.unions[rows] for view, rows in zip(views, upper, strict=True)]),
     }
     written = io.BytesIO()
-    np.savez(written, **kept)  # type: ignore[arg-type]
+    np.savez(written, **kept)
     write_whole(path, written.getvalue())
-
-
-def _tops(view: StackView) -> Array:
-    return np.full(len(view.names), np.nan) if view.tops_m is None else view.tops_m
 
 
 def _read(path: Path) -> list[StackView]:

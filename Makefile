@@ -93,6 +93,7 @@ bench: .venv/tests .venv/system
 	$(BIN)/python -m tests.benchmarks.tree_ticks
 	$(BIN)/python -m tests.benchmarks.node_ticks
 	$(BIN)/python -m tests.benchmarks.planning
+	$(BIN)/python -m tests.benchmarks.inverse_kinematics
 	$(BIN)/python -m tests.benchmarks.perception_accuracy
 	$(BIN)/python -m tests.benchmarks.robot_alone pick_and_place
 	$(BIN)/python -m tests.benchmarks.robot_alone clutter

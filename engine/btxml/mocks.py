@@ -114,12 +114,12 @@ def read_mocks(file: Path, registry: Registry) -> Mocks:
         TreeFileError: everything that is wrong with it.
     """
     try:
-        told = json.loads(file.read_text("utf-8"))
+        data = json.loads(file.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise TreeFileError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     sections = ("TestNodeConfigs", "SubstitutionRules")
-    parts: list[Any] = [told.get(section, {}) for section in sections] if isinstance(told, dict) else [None]
-    if not all(isinstance(part, dict) for part in parts) or set(told) - {*sections}:
+    parts: list[Any] = [data.get(section, {}) for section in sections] if isinstance(data, dict) else [None]
+    if not all(isinstance(part, dict) for part in parts) or set(data) - {*sections}:
         raise TreeFileError(f"{file}: holds an object with {' and '.join(sections)}, which are objects, too")
     problems: list[str] = []
     configured = {name: _configured(how, f"{file}: {name}", registry.enums, problems) for name, how in parts[0].items()}
@@ -134,15 +134,15 @@ def read_mocks(file: Path, registry: Registry) -> Mocks:
     return Mocks(file, rules, configured)
 
 
-def _configured(told: Any, where: str, enums: Mapping[str, Any], problems: list[str]) -> dict[str, str]:
+def _configured(config: Any, where: str, enums: Mapping[str, Any], problems: list[str]) -> dict[str, str]:
     checks: dict[str, Callable[[Any], bool]] = {
         "return_status": lambda value: isinstance(value, str) and value in STATUS_WORDS,
         "async_delay": lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0,
     }
-    if not isinstance(told, dict) or not {"return_status", "return_status_script"} & set(told):
+    if not isinstance(config, dict) or not {"return_status", "return_status_script"} & set(config):
         problems.append(f"{where} needs return_status or return_status_script")
         return {}
-    for key, value in told.items():
+    for key, value in config.items():
         if key not in KEYS:
             problems.append(f"{where} has no '{key}'; {hint(key, KEYS)}")
         elif key in SCRIPTS:
@@ -150,7 +150,7 @@ def _configured(told: Any, where: str, enums: Mapping[str, Any], problems: list[
         elif not checks[key](value):
             legal = "one of " + ", ".join(STATUS_WORDS) if key == "return_status" else "whole milliseconds from 0"
             problems.append(f"{where}: {key} is {value!r}; {legal}")
-    return {key: str(value) for key, value in told.items()}
+    return {key: str(value) for key, value in config.items()}
 
 
 def _script(value: Any, where: str, enums: Mapping[str, Any], problems: list[str]) -> None:

@@ -176,8 +176,8 @@ def names_of(node: TreeNode) -> tuple[str, ...]:
     return node.full_path, _UID.sub("", node.full_path), node.name, type(node).__name__
 
 
-def _said_of(node: TreeNode, told: Mapping[str, T], otherwise: T) -> T:
-    return next((told[name] for name in names_of(node) if name in told), otherwise)
+def _said_of(node: TreeNode, answers: Mapping[str, T], otherwise: T) -> T:
+    return next((answers[name] for name in names_of(node) if name in answers), otherwise)
 
 
 def assert_ticks(bench: TreeBench, statuses: str, period_s: float = 0.04) -> None:

@@ -241,8 +241,8 @@ class SimCell:
 
     def report(self) -> dict[str, object]:
         """Keys of `cell run --json` that only the truth can give."""
-        told = self.score.report() | (self.contacts.report() if self.contacts is not None else {})
-        return told | ({"correct": None, "wrong_placements": None} if self._nobody else {})
+        report = self.score.report() | (self.contacts.report() if self.contacts is not None else {})
+        return report | ({"correct": None, "wrong_placements": None} if self._nobody else {})
 
     def await_ready(self) -> None:
         """Until frames can be made and answered; raises CellError."""

@@ -95,8 +95,8 @@ def calibrate(
     )
     say(table("cameras", {name: camera.trouble or _words(camera) for name, camera in cameras.items()}))
     for role in stamped_delays_s(configuration) if cameras.keys() >= {"wrist"} else ():
-        told = f"{1e3 * delays_s[role]:.0f} ms" if role in delays_s else "not seen: is the arm in view?"
-        say(f"delay of camera {role}: {told}", highlight=False)
+        delay = f"{1e3 * delays_s[role]:.0f} ms" if role in delays_s else "not seen: is the arm in view?"
+        say(f"delay of camera {role}: {delay}", highlight=False)
     if as_json:
         every = {name: camera.told() for name, camera in cameras.items()}
         print_json({"file": str(path), "good": found is not None, **every, "delays_s": delays_s})
@@ -118,9 +118,9 @@ def _words(calibrated: Calibrated) -> str:
 
 def _write(found: Calibration, path: Path) -> None:
 
-    told = found.model_dump(mode="json", exclude_none=True)
+    data = found.model_dump(mode="json", exclude_none=True)
     text = "# Where the cameras hang and how they see; made by: cell setup calibrate\n" + yaml.safe_dump(
-        told, sort_keys=False
+        data, sort_keys=False
     )
     try:
         with whole_or_none(path) as partial:
@@ -167,10 +167,10 @@ def teach(
         for prompt in teaching.prompts:
             wait_for_enter(prompt)
             joints.append(np.array(joints_now()))
-    values, told = teaching.values(joints)
+    values, message = teaching.values(joints)
     write_values(config, values)
     load_configuration(config)  # what it says now is legal
-    console().print(f"{config}: {told}", highlight=False)
+    console().print(f"{config}: {message}", highlight=False)
     return 0
 
 
@@ -259,9 +259,9 @@ def _teach_stop(configuration: Configuration, product: Product, config: Path) ->
     with located(config, configuration), opened(configuration, product) as devices:
         wait_for_enter("each joint turns by up to 0.5 rad about where the arm stands, as fast as it may: keep away")
         found = measured(devices, motion, say)
-    told = found.model_dump(mode="json")
+    data = found.model_dump(mode="json")
     has_motion = has_key(config, "motion")
-    values: dict[Location, object] = {("motion", "stopping"): told} if has_motion else {("motion",): {"stopping": told}}
+    values: dict[Location, object] = {("motion", "stopping"): data} if has_motion else {("motion",): {"stopping": data}}
     write_values(config, values)
     taught = load_configuration(config)
     worse = weaknesses(taught, load_faults(taught))
@@ -282,8 +282,8 @@ def _teach_obstacles(configuration: Configuration, config: Path) -> int:
         console().print(f"left out: {line}", highlight=False)
     names = {obstacle.name for obstacle in found}
     every = [*(obstacle for obstacle in configuration.bench.obstacles if obstacle.name not in names), *found]
-    told = [obstacle.model_dump(mode="json", exclude_defaults=True) for obstacle in every]
-    write_values(config, {("bench", OBSTACLES): told})
+    rows = [obstacle.model_dump(mode="json", exclude_defaults=True) for obstacle in every]
+    write_values(config, {("bench", OBSTACLES): rows})
     load_configuration(config)
     console().print(f"{config}: {len(found)} obstacles of the planning scene; `cell doctor` looks at them")
     return 1 if left_out else 0

@@ -128,8 +128,8 @@ def _tell(
     from bracket_cell.fleet.compare_text import by_person, lines, persons_as_json
 
     if as_json:
-        told = answer(found, names, len(pairs))
-        print_json({**told, "by_person": persons_as_json(pairs), "broken": broken, "page": page})
+        fields = answer(found, names, len(pairs))
+        print_json({**fields, "by_person": persons_as_json(pairs), "broken": broken, "page": page})
     else:
         for line in (*lines(found, names, len(pairs)), *by_person(pairs), page):
             typer.echo(line)

@@ -88,14 +88,14 @@ class Adapter:
 
     def _answer(self, request: Mapping[str, Any]) -> None:
         command, asked = request["command"], request.get("arguments") or {}
-        told: Body = {"type": "response", "request_seq": request["seq"], "command": command, "success": True}
+        fields: Body = {"type": "response", "request_seq": request["seq"], "command": command, "success": True}
         try:
-            told["body"] = self._does(command)(asked)
+            fields["body"] = self._does(command)(asked)
         except (InputError, KeyError, TypeError, IndexError) as error:
             words = str(error) if isinstance(error, InputError) else f"{type(error).__name__} {error}"
-            told |= {"success": False, "message": f"{command}: {words}"}
-        self._write(told)
-        if command in ("launch", "attach") and told["success"]:
+            fields |= {"success": False, "message": f"{command}: {words}"}
+        self._write(fields)
+        if command in ("launch", "attach") and fields["success"]:
             self._event("initialized", {})
 
     def _does(self, command: str) -> Callable[[Body], Body]:

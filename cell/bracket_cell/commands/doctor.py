@@ -177,8 +177,8 @@ def _packages() -> Finding:
     if missing:
         return Finding(f"{len(missing)} of {len(needed)} packages: {', '.join(missing)}", False, INSTALL)
     if damaged := damaged_packages():
-        told = "; ".join(f"{name}: {why}" for name, why in sorted(damaged.items()))
-        return Finding(f"packages whose files are not as they were installed: {told}", False, ANEW)
+        text = "; ".join(f"{name}: {why}" for name, why in sorted(damaged.items()))
+        return Finding(f"packages whose files are not as they were installed: {text}", False, ANEW)
     return Finding(f"{len(needed)} packages, and all files of what is installed", True)
 
 
@@ -227,8 +227,8 @@ def _devices(configuration: Configuration, product: Product) -> Iterator[Finding
         blind = [name for name in ("overhead", "wrist") if getattr(devices, name).latest() is None]
     finally:
         devices.close()
-    told = f"simulation {speed:.1f} x real time on {os.cpu_count()} CPUs"
-    yield Finding(told, speed >= 1, "" if speed >= 1 else "--real-time will fall behind; end other programs", False)
+    text = f"simulation {speed:.1f} x real time on {os.cpu_count()} CPUs"
+    yield Finding(text, speed >= 1, "" if speed >= 1 else "--real-time will fall behind; end other programs", False)
     yield Finding("cameras overhead, wrist", not blind, f"no frame of {', '.join(blind)}" if blind else "")
 
 
@@ -274,11 +274,11 @@ def _detectors(configuration: Configuration, product: Product) -> Finding:
     """The trained detectors, as a run makes them; that a product of one's own is seen by colour is a note."""
     what = f"detectors {configuration.perception.words}"
     try:
-        seen, told = with_detectors_for(configuration, product)
+        seen, notice = with_detectors_for(configuration, product)
         check_detectors(seen.bench, product, seen.perception)
     except SettingError as error:
         return Finding(what, False, f"{'; '.join(map(str, error.problems))}; cell train --all makes weights")
-    return Finding(what, not told, told, needed=not told)
+    return Finding(what, not notice, notice, needed=not notice)
 
 
 def _weights(name: str, configuration: Configuration, product: Product) -> Finding:

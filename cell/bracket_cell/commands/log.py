@@ -122,11 +122,11 @@ def why(log: LogArgument, at_s: AtOption = math.inf, as_json: JsonOption = False
     from bracket_cell.log.replay.why import why_at
     from bracket_cell.log.report.text import why_lines
 
-    told = why_at(log, at_s)
+    reasons = why_at(log, at_s)
     if as_json:
-        tell_json(told)
+        tell_json(reasons)
     else:
-        say(*why_lines(told))
+        say(*why_lines(reasons))
 
 
 @log_app.command()

@@ -150,8 +150,8 @@ def _navigation(server: LanguageServer, shop: Workshop) -> None:
     def references(parameters: types.ReferenceParams) -> list[types.Location]:
         named = _named(server, shop, parameters)
         found = [] if named is None else named[0].of(named[1])
-        told = parameters.context.include_declaration
-        return [_location(server, mention.place, mention.length) for mention in found if told or mention.role != "made"]
+        also = parameters.context.include_declaration
+        return [_location(server, mention.place, mention.length) for mention in found if also or mention.role != "made"]
 
     @server.feature(types.TEXT_DOCUMENT_RENAME)
     def rename(parameters: types.RenameParams) -> types.WorkspaceEdit | None:
@@ -266,8 +266,8 @@ def _mark(server: LanguageServer, shop: Workshop, document: TextDocument) -> Non
     shop.told[path] = {file for file, some in marks.items() if some}
     shop.marks |= marks
     for file, some in marks.items():
-        told = types.PublishDiagnosticsParams(file.as_uri(), [mark for _, mark in some])
-        server.text_document_publish_diagnostics(told)
+        params = types.PublishDiagnosticsParams(file.as_uri(), [mark for _, mark in some])
+        server.text_document_publish_diagnostics(params)
 
 
 def _range(document: TextDocument, problem: Problem) -> types.Range:

@@ -79,8 +79,8 @@ def _program(
 
 def application(words: Sequence[str] | None = None) -> typer.Typer:
     """The command line for some words; with all its commands where none are given."""
-    told = "`cell lab --help` lists the commands for research." if offers(LABORATORY) else None
-    app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, epilog=told)
+    text = "`cell lab --help` lists the commands for research." if offers(LABORATORY) else None
+    app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, epilog=text)
     app.callback()(_program)
     _add(app, COMMANDS, words)
     return app

@@ -83,7 +83,7 @@ def replay(
     again = Replay(recorded, changes, bracket)
     changed = changed_keys(again)
     _remark(recorded, again.remarks)
-    told, found = len(again.remarks), list[Difference]()
+    shown, found = len(again.remarks), list[Difference]()
     show = _shower(recorded, frames) if step else lambda _: True
 
     def watch(step: Step) -> bool:
@@ -91,7 +91,7 @@ def replay(
         return show(step)
 
     comparison = again.run(from_s, until_s, watch)
-    _remark(recorded, again.remarks[told:])
+    _remark(recorded, again.remarks[shown:])
     keys, why = [str(change) for change in changed], causes(comparison, changed)
     if html is not None:
         write_replay(recorded, comparison, (again.remarks, keys, why), found, html)

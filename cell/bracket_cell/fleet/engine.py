@@ -149,8 +149,8 @@ def _row(task: Task, answer: Row | Trouble | None, error: BaseException | None) 
     if answer is not None and not isinstance(answer, Trouble):
         return answer
     reason = answer.words if error is None and answer is not None else _words(error or CellError("no answer"))
-    told = {"end": "lost", "reason": reason, "took_s": 0.0}
-    return {"key": task.key, "seed": task.seed, **dict(task.label), **told}
+    row = {"end": "lost", "reason": reason, "took_s": 0.0}
+    return {"key": task.key, "seed": task.seed, **dict(task.label), **row}
 
 
 class _Once:
@@ -288,7 +288,7 @@ def _done(
                         continue
                     troubled.pop(id(job), None)
                     yield job, answer, error
-            pending = {_kept(client, work, job, told, crew): told for job, told in pending.items()}
+            pending = {_kept(client, work, job, entry, crew): entry for job, entry in pending.items()}
     finally:
         with suppress(Exception):  # of a scheduler that is gone there is nothing to cancel
             client.cancel(list(pending))
@@ -354,7 +354,7 @@ class _Crew:
             for address, worker in there.items():
                 self._ask(address, str(worker.get("name") or address))
             self.room = WAITING_PER_WORKER * sum(there[address]["nthreads"] for address in self.agreeing)
-            if self.agreeing or not all(told.done() for told in self._asked.values()):  # one that is asked may agree
+            if self.agreeing or not all(call.done() for call in self._asked.values()):  # one that is asked may agree
                 self._since_s = time.monotonic()
             if self.agreeing:
                 return
@@ -386,13 +386,13 @@ class _Crew:
             sys.stderr.write(f"cell: {self._refused[trouble.worker]}\n")
         return len(where) < TROUBLES and bool(self.agreeing)
 
-    def _judge(self, name: str, address: str, told: dict[str, str]) -> None:
+    def _judge(self, name: str, address: str, answers: dict[str, str]) -> None:
         others = [
-            f"{key.removeprefix('version.')} {told.get(key)}, here {value}"
+            f"{key.removeprefix('version.')} {answers.get(key)}, here {value}"
             for key, value in self._here.items()
-            if told.get(key) != value
+            if answers.get(key) != value
         ]
-        if why := told.get("lacks") or ", ".join(others):
+        if why := answers.get("lacks") or ", ".join(others):
             self._refused[address] = f"worker {name} does not agree and gets no runs: {why}"
             sys.stderr.write(f"cell: {self._refused[address]}\n")
         else:

@@ -48,30 +48,30 @@ def _figures(rows: list[Row]) -> dict[str, Any]:
     """Right, wrong and not known apart; the share is of those that are known."""
     known = [row for row in rows if row.get("correct") is not None or row.get("end") not in ("finished", None)]
     right = sum(row.get("end") == "finished" and row.get("correct") is True for row in known)
-    told: dict[str, Any] = {"runs": len(rows), "right": right, "wrong": len(known) - right}
-    told |= {"not_known": len(rows) - len(known), "share": None, "share_low": None, "share_high": None}
+    fields: dict[str, Any] = {"runs": len(rows), "right": right, "wrong": len(known) - right}
+    fields |= {"not_known": len(rows) - len(known), "share": None, "share_low": None, "share_high": None}
     if known:
         share = wilson(right, len(known))
-        told |= {"share": share.value, "share_low": share.low, "share_high": share.high}
+        fields |= {"share": share.value, "share_low": share.low, "share_high": share.high}
     for name in MEANS:
         values = [float(row[name]) for row in rows if isinstance(row.get(name), int | float)]
         if values:
             found = mean(values)
-            told |= {name: found.value}
-            told |= {f"{name}_low": found.low, f"{name}_high": found.high} if len(values) > 1 else {}
-    return told
+            fields |= {name: found.value}
+            fields |= {f"{name}_low": found.low, f"{name}_high": found.high} if len(values) > 1 else {}
+    return fields
 
 
-def summary_lines(told: Mapping[str, Any], by: str) -> list[str]:
+def summary_lines(summary: Mapping[str, Any], by: str) -> list[str]:
     """One of the summaries in words."""
     share = "none is known"
-    if told["share"] is not None:
-        share = f"{told['share']:.3f} (95 %: {told['share_low']:.3f} - {told['share_high']:.3f})"
-    counts = f"{told['right']} right, {told['wrong']} wrong, {told['not_known']} not known"
-    lines = [f"{by} {told[by]}: {told['runs']} runs, {counts}; {share}"]
-    for name in filter(told.__contains__, MEANS):
-        low, high = told.get(f"{name}_low"), told.get(f"{name}_high")
-        lines.append(f"  {name} {told[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))
+    if summary["share"] is not None:
+        share = f"{summary['share']:.3f} (95 %: {summary['share_low']:.3f} - {summary['share_high']:.3f})"
+    counts = f"{summary['right']} right, {summary['wrong']} wrong, {summary['not_known']} not known"
+    lines = [f"{by} {summary[by]}: {summary['runs']} runs, {counts}; {share}"]
+    for name in filter(summary.__contains__, MEANS):
+        low, high = summary.get(f"{name}_low"), summary.get(f"{name}_high")
+        lines.append(f"  {name} {summary[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))
     return lines
 
 

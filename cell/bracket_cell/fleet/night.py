@@ -26,8 +26,8 @@ def write_night(rows: Iterable[Mapping[str, Any]], path: Path) -> int:
     Raises:
         InputError: it cannot be written.
     """
-    told = [{**row, "name": Path(row["log"]).name, "clip": clip(Path(row["log"]), row["failed_s"])} for row in rows]
-    return write_page(rendered(TEMPLATE, rows=told, before_s=BEFORE_S), path)
+    runs = [{**row, "name": Path(row["log"]).name, "clip": clip(Path(row["log"]), row["failed_s"])} for row in rows]
+    return write_page(rendered(TEMPLATE, rows=runs, before_s=BEFORE_S), path)
 
 
 def clip(log: Path, until_s: float | None) -> str:

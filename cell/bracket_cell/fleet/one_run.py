@@ -175,7 +175,7 @@ def in_child(work: Callable[..., T], *arguments: Any) -> T:
 
 def serve(answers: int) -> None:
     """Answer calls until nobody asks any more; the work of a child process."""
-    calls, told = sys.stdin.buffer, os.fdopen(answers, "wb")
+    calls, replies = sys.stdin.buffer, os.fdopen(answers, "wb")
     os.dup2(2, 1)  # what a run prints is no answer
     waiting: queue.Queue[Any] = queue.Queue()
 
@@ -207,8 +207,8 @@ def serve(answers: int) -> None:
             pickle.loads(content)
         except Exception:  # an answer that cannot be sent, or not be read there
             content = pickle.dumps((None, CellError(f"{type(answer[1] or answer[0]).__name__}: {answer[1]}")))
-        told.write(LENGTH.pack(len(content)) + content)
-        told.flush()
+        replies.write(LENGTH.pack(len(content)) + content)
+        replies.flush()
         if isinstance(call, Exception):  # nobody reads further calls: the next one gets a new process
             return
 

@@ -37,8 +37,8 @@ def run_row(path: Path) -> Row:
 def _row(
     files: list[Path], run: dict[str, str], outcome: dict[str, str], result: dict[str, str], unfinished: str
 ) -> Row:
-    told = {name: json_of(files[0], result, name, lambda value: value) for name in result}
-    told |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(row) for row in rows])}
+    fields = {name: json_of(files[0], result, name, lambda value: value) for name in result}
+    fields |= {"brackets": json_of(files[0], result, "brackets", lambda rows: [dict(row) for row in rows])}
     why = json_of(files[0], outcome, "why", dict) or {}
     ended = {name: _number(value) for name, value in outcome.items() if name != "why"}
     row: Row = {
@@ -50,9 +50,9 @@ def _row(
         **{name.replace(".", "_"): value for name, value in run.items() if name != "run_id"},
         "goal_asked": run.get("goal", ""),
         **ended,
-        **told,
+        **fields,
         "seed": _number(run.get("seed", "")),
-        "order_id": order_id(told),
+        "order_id": order_id(fields),
         "cause": outcome.get("cause", ""),
         "otherwise": why.get("otherwise", ""),
         "limits": run.get("safety.sha256", ""),

@@ -104,10 +104,10 @@ class Node:
 
 
 def _qos(quality: Quality) -> Any:
-    told = needed("cyclonedds.qos", PACKAGE_OF, "ros2")
-    policy, util = told.Policy, needed("cyclonedds.util", PACKAGE_OF, "ros2")
+    qos = needed("cyclonedds.qos", PACKAGE_OF, "ros2")
+    policy, util = qos.Policy, needed("cyclonedds.util", PACKAGE_OF, "ros2")
     reliable = policy.Reliability.Reliable(util.duration(seconds=WRITE_S))
-    return told.Qos(
+    return qos.Qos(
         reliable if quality.reliable else policy.Reliability.BestEffort,
         policy.Durability.TransientLocal if quality.lasting else policy.Durability.Volatile,
         policy.History.KeepLast(quality.kept),

@@ -132,12 +132,12 @@ class Ros2Samples:
             before_s, before = self._before or (time_s - 1.0, joints)
             speeds = (joints - before) / max(time_s - before_s, 1e-4)
         self._before = time_s, joints
-        told = time_s, joints, speeds, np.zeros_like(joints) if moments is None else moments
+        sample = time_s, joints, speeds, np.zeros_like(joints) if moments is None else moments
         if self.ur is None:
-            return Sample(*told)
+            return Sample(*sample)
         state = self.ur.hear()
         mode, reason = _mode(state)
-        return Sample(*told, mode, reason, bool(state.running), state.scaling)
+        return Sample(*sample, mode, reason, bool(state.running), state.scaling)
 
     @staticmethod
     def _column(values: Sequence[float], at: list[int]) -> Array | None:
@@ -147,10 +147,10 @@ class Ros2Samples:
 
 
 def _mode(state: UrState) -> tuple[ArmMode, str]:
-    told = safety_of(state.safety)
-    if not told.reason and state.robot != RUNNING:
+    safety = safety_of(state.safety)
+    if not safety.reason and state.robot != RUNNING:
         return "not_controlled", POWER.get(state.robot or 0, f"its robot mode is {state.robot}")
-    return told.mode, told.reason
+    return safety.mode, safety.reason
 
 
 class Ros2Link:

@@ -125,8 +125,8 @@ def _used(topic: Topic, robot: RobotModel, bench: Bench) -> tuple[str, str]:
 def _joints(names: list[str], robot: RobotModel) -> tuple[str, str]:
     ends = [next((name for name in names if name.endswith(joint)), None) for joint in robot.joint_names]
     if None in ends:
-        told = f"joints {', '.join(names[:8])}; {robot.name} has {', '.join(robot.joint_names)}"
-        return "joints of something else", told
+        text = f"joints {', '.join(names[:8])}; {robot.name} has {', '.join(robot.joint_names)}"
+        return "joints of something else", text
     prefix = str(ends[0]).removesuffix(robot.joint_names[0])
     return f"arm: all joints of {robot.name}{f', prefix: {prefix}' if prefix else ''}", ""
 
@@ -135,8 +135,8 @@ def _sized(first: Any, bench: Bench, wrong: str) -> tuple[str, str]:
     size = first.width, first.height
     fits = [role for role in ("overhead", "wrist") if size == _size(bench, role)]
     sizes = ", ".join(f"{role} {w} x {h}" for role in ("overhead", "wrist") for w, h in (_size(bench, role),))
-    told = f"camera: {size[0]} x {size[1]} pixels"
-    return (f"{told}, as {' and '.join(fits)}", wrong) if fits else (told, wrong or f"the bench file says {sizes}")
+    text = f"camera: {size[0]} x {size[1]} pixels"
+    return (f"{text}, as {' and '.join(fits)}", wrong) if fits else (text, wrong or f"the bench file says {sizes}")
 
 
 def _size(bench: Bench, role: str) -> tuple[int, int]:

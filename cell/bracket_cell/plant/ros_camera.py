@@ -139,18 +139,18 @@ def _mount(
     found: Pose | None, camera: str, bench: Bench, role: str, settings: Ros2CameraSettings, robot: RobotModel
 ) -> DeviceCheck:
     """Whether the bench file has the mount that tf tells."""
-    told = f"camera {role}: its mount by tf, from {settings.frame} to {camera}"
+    text = f"camera {role}: its mount by tf, from {settings.frame} to {camera}"
     if found is None:
-        return DeviceCheck(told, "/tf and /tf_static do not tell it")
+        return DeviceCheck(text, "/tf and /tf_static do not tell it")
     tool = Pose((0.0, 0.0, robot.gripper.tcp_from_flange_m if role == "wrist" else 0.0))  # where the mount begins
     found, mount = tool.inverse() @ found, getattr(bench, role).mount.pose
     off = mount.inverse() @ found
     off_m, off_rad = float(np.linalg.norm(off.position_m)), 2 * np.arccos(min(1.0, abs(off.quaternion_wxyz[0])))
     if off_m <= MOUNT_OFF_M and off_rad <= MOUNT_OFF_RAD:
-        return DeviceCheck(told)
+        return DeviceCheck(text)
     at, turned = ([round(value, 4) for value in values] for values in (found.position_m, found.quaternion_wxyz))
     apart = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.1f} degrees from the bench file's"
-    return DeviceCheck(told, f"{apart}; by tf mount: {{position_m: {at}, quaternion_wxyz: {turned}}}")
+    return DeviceCheck(text, f"{apart}; by tf mount: {{position_m: {at}, quaternion_wxyz: {turned}}}")
 
 
 def _lens(info: Any, bench: Bench, role: str, settings: Ros2CameraSettings) -> DeviceCheck:

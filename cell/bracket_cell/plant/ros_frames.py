@@ -32,7 +32,7 @@ class Frames:
 
     def _known(self, parent: str, child: str) -> Pose | None:
         for reader in self._readers:
-            for frame in [frame for told in taken(reader) for frame in told.transforms]:
+            for frame in [frame for message in taken(reader) for frame in message.transforms]:
                 with suppress(ValueError):  # a damaged one tells nothing
                     pose = pose_of(frame.transform.translation, frame.transform.rotation)
                     self._parents[frame.child_frame_id.strip("/")] = frame.header.frame_id.strip("/"), pose

@@ -145,8 +145,8 @@ class ActionClient:
 
     def status(self, goal: bytes) -> Status:
         """What is known of a goal by now."""
-        for told in taken(self._status):
-            self._known = {bytes(goal.goal_info.goal_id.uuid): Status.of(goal.status) for goal in told.status_list}
+        for array in taken(self._status):
+            self._known = {bytes(goal.goal_info.goal_id.uuid): Status.of(goal.status) for goal in array.status_list}
         return self._known.get(goal, Status.UNKNOWN)
 
     def feedback(self) -> list[tuple[bytes, Any]]:
@@ -251,10 +251,10 @@ class ActionServer:
     def _tell(self) -> None:
         info, made = message("action_msgs/msg/GoalInfo"), message("action_msgs/msg/GoalStatus")
         stamp = empty("builtin_interfaces/msg/Time")
-        told = [
+        statuses = [
             made(goal_info=info(goal_id=_uuid(goal.name), stamp=stamp), status=int(goal.status)) for goal in self._goals
         ]
-        self._status.write(message("action_msgs/msg/GoalStatusArray")(status_list=told))
+        self._status.write(message("action_msgs/msg/GoalStatusArray")(status_list=statuses))
 
 
 def _uuid(name: bytes) -> Any:

@@ -72,8 +72,8 @@ class RosTopics(Observer):
         joints = seen.arm.known_rad(len(self._joints))
         if joints is not None:
             at_ns = self._at_ns(seen.arm.time_s)
-            told = {"name": self._joints, "position": list(joints), "velocity": list(seen.arm.velocities_rad_s)}
-            self._states.write(message("sensor_msgs/msg/JointState")(header=header(at_ns), **told, effort=[]))
+            fields = {"name": self._joints, "position": list(joints), "velocity": list(seen.arm.velocities_rad_s)}
+            self._states.write(message("sensor_msgs/msg/JointState")(header=header(at_ns), **fields, effort=[]))
             tool = transform(0, WORLD, TOOL, self._forward(np.array(joints)))
             self._tf.write(moved(at_ns, [readable(tool)]))
         if seen.bench is not None and seen.bench.time_s <= now_s:
@@ -86,9 +86,9 @@ class RosTopics(Observer):
         self._diagnose(record, now_s)
 
     def message(self, time_s: float, level: Level, text: str) -> None:
-        told = {"name": "cell", "msg": text, "file": "", "function": "", "line": 0}
+        fields = {"name": "cell", "msg": text, "file": "", "function": "", "line": 0}
         at = stamp(self._at_ns(time_s))
-        self._log.write(message("rcl_interfaces/msg/Log")(stamp=at, level=LEVELS.get(level, 40), **told))
+        self._log.write(message("rcl_interfaces/msg/Log")(stamp=at, level=LEVELS.get(level, 40), **fields))
 
     def close(self, outcome: Outcome) -> None:
         self._words.say("robot", f"{outcome.end}: {outcome.reason}")
@@ -122,7 +122,7 @@ class RosTopics(Observer):
         made, value = (message(f"diagnostic_msgs/msg/{name}") for name in ("DiagnosticStatus", "KeyValue"))
         action = "run" if judged is None else judged.action.name.lower()
         known = {"tree": record.status} | {f"goal {goal}": f"{share:.3f}" for goal, share in self._goals.items()}
-        values = [value(key=key, value=told) for key, told in known.items()]
+        values = [value(key=key, value=word) for key, word in known.items()]
         status = [made(level=level, name="cell", message=action, hardware_id="", values=values)]
         status += [
             made(level=level, name=f"cell: {name}", message=why, hardware_id="", values=[]) for name, why in reasons

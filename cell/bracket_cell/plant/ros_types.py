@@ -52,12 +52,12 @@ def empty(name: str) -> Any:
 
 
 def _empty(of: Any) -> Any:
-    node, told = of
+    node, kind = of
     if node.name == "BASE":
-        return "" if told[0] == "string" else False if told[0] == "bool" else 0
+        return "" if kind[0] == "string" else False if kind[0] == "bool" else 0
     if node.name == "NAME":
-        return empty(_whole(told))
-    return [_empty(told[0])] * told[1] if node.name == "ARRAY" else []
+        return empty(_whole(kind))
+    return [_empty(kind[0])] * kind[1] if node.name == "ARRAY" else []
 
 
 @cache
@@ -87,13 +87,13 @@ def _whole(name: str) -> str:
 def _type(of: Any) -> Any:
     """The type of a field: a basic one, a message, a sequence or an array of these."""
     types = needed("cyclonedds.idl.types", PACKAGE_OF, "ros2")
-    node, told = of
+    node, kind = of
     if node.name == "BASE":
         named: dict[str, Any] = {"string": str, "bool": bool, "byte": types.uint8, "char": types.uint8}
-        return named[told[0]] if told[0] in named else getattr(types, told[0])
+        return named[kind[0]] if kind[0] in named else getattr(types, kind[0])
     if node.name == "NAME":
-        return message(_whole(told))
-    inner, length = _type(told[0]), told[1]
+        return message(_whole(kind))
+    inner, length = _type(kind[0]), kind[1]
     if node.name == "ARRAY":
         return types.array[inner, length]
     return types.sequence[inner, length] if length else types.sequence[inner]

@@ -160,11 +160,11 @@ class Bookkeeper(Observer):
         """
         rows = []
         for place, row in enumerate(self.rows):
-            told = judged[place] if place < len(judged) else {}
-            if row.finished is not None and isinstance(correct := told.get("correct"), bool):
+            verdict = judged[place] if place < len(judged) else {}
+            if row.finished is not None and isinstance(correct := verdict.get("correct"), bool):
                 row.correct = correct
                 self.book.inspected(self.run, row.number, correct)
-            rows.append(self._plain(place, told))
+            rows.append(self._plain(place, verdict))
         return rows
 
     def report(self, judged: Sequence[Mapping[str, object]]) -> dict[str, object]:

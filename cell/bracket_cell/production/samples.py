@@ -56,13 +56,13 @@ class Samples:
 def metrics_of(samples: Iterable[Sample]) -> str:
     """The numbers in Prometheus' text format 0.0.4."""
     lines: list[str] = []
-    told = ""
+    family_before = ""
     for name, labels, value in samples:
         family = name.removesuffix("_sum").removesuffix("_count")
-        if family != told:
+        if family != family_before:
             kind = "counter" if family.endswith("_total") else "summary" if family != name else "gauge"
             lines += [f"# HELP {family} {HELP[family]}", f"# TYPE {family} {kind}"]
-            told = family
+            family_before = family
         marks = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
         lines.append(f"{name}{'{' + marks + '}' if marks else ''} {value:g}")
     return "\n".join(lines) + "\n"

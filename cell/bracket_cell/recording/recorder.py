@@ -176,10 +176,10 @@ class McapRecorder(Observer):
             self._write(f"/note/{topic}", stamp_ns, {"tick": tick, **plain(fields)})
         self._work.see(record)
         self._ticked_s = observation.time_s if record.status in TICKED else self._ticked_s
-        if record.status in TICKED and (told := self.why()):
-            if turned or told["text"] != self._told.get("text"):
-                self._write("/note/why", stamp_ns, {"tick": tick, **told})
-            self._told = told
+        if record.status in TICKED and (why := self.why()):
+            if turned or why["text"] != self._told.get("text"):
+                self._write("/note/why", stamp_ns, {"tick": tick, **why})
+            self._told = why
         self._command(stamp_ns, record)
         if (turned or (begins and self._files.rotates)) and (state := self.state()):
             self._json["/state"].log(json_bytes({"tick": tick, **state}), log_time=stamp_ns)
@@ -222,15 +222,15 @@ class McapRecorder(Observer):
         self._encoder.close()
         self.dropped.frames += self._encoder.failed
         fields = ("end", "reason", "condition", "ticks", "overruns", "sim_time_s", "wall_time_s")
-        told = {name: str(getattr(outcome, name)) for name in fields}
+        values = {name: str(getattr(outcome, name)) for name in fields}
         if outcome.end != "finished":
-            told |= {"state": self._work.name, "failed_s": f"{self._ticked_s:.3f}"}
+            values |= {"state": self._work.name, "failed_s": f"{self._ticked_s:.3f}"}
         if outcome.why is not None:
-            told |= {
+            values |= {
                 "cause": outcome.cause,
                 "why": json_bytes(outcome.why.plain() | {"causes": self._told.get("causes", ())}).decode(),
             }
-        self._files.note("outcome", {**told, digest.NAME: self._digest.text()})
+        self._files.note("outcome", {**values, digest.NAME: self._digest.text()})
         self._files.note("result", {name: json_bytes(plain(value)).decode() for name, value in self._result().items()})
         if self.dropped != Dropped():
             self._files.note("dropped", {name: str(count) for name, count in vars(self.dropped).items()})

@@ -136,8 +136,8 @@ def json_bytes(value: object) -> bytes:
 
 def tick_json(tick: int, status: str, changes: Iterable[StatusChange]) -> bytes:
     """The message of `/tick`; a change that was told before is not encoded again."""
-    told = ",".join([change.json for change in changes])
-    return f'{{"tick":{tick},"status":"{status}","changes":[{told}]}}'.encode()
+    text = ",".join([change.json for change in changes])
+    return f'{{"tick":{tick},"status":"{status}","changes":[{text}]}}'.encode()
 
 
 def asked_of_devices(command: Command) -> dict[str, Any] | None:

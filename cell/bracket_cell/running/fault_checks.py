@@ -334,8 +334,8 @@ def _camera_moved(seen: Observation, _: Command, __: Memory) -> FaultReport | No
 
 
 def _hand_unknown(seen: Observation, _: Command, memory: Memory) -> FaultReport | None:
-    told = "" if seen.bench is None else seen.bench.hand_unknown
-    words = told or "it is not seen any more, and no edge is told by which it left" * memory.hands.vanished
+    text = "" if seen.bench is None else seen.bench.hand_unknown
+    words = text or "it is not seen any more, and no edge is told by which it left" * memory.hands.vanished
     return FaultReport(_with("where the hand is, is not known:", words)) if words else None
 
 

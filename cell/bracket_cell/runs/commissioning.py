@@ -89,8 +89,8 @@ class Teaching:
             for name, joint, was in zip(self._motion.settings.robot.joints, joints, joints_rad, strict=True)
             if abs(joint - was) > 1
         ]
-        told = f"; {', '.join(turned)} stored a whole turn nearer to the other pose" if turned else ""
-        return {("bench", POSES[self._name]): _rounded(joints)}, f"{self._name}{told}"
+        text = f"; {', '.join(turned)} stored a whole turn nearer to the other pose" if turned else ""
+        return {("bench", POSES[self._name]): _rounded(joints)}, f"{self._name}{text}"
 
     @cached_property
     def _corners(self) -> Mapping[str, tuple[float, float]]:

@@ -32,8 +32,8 @@ def rest_advice(motion: MotionPlanner, bench: Bench, ways_rad: Sequence[Array]) 
     least_s, place = min(found, default=(present_s, bench.hand_rest_m))
     if present_s - least_s < WORTH_S:
         return ""
-    told = ", ".join(f"{value:.2f}" for value in place)
-    return f"a hand that rests at [{told}] spares {present_s - least_s:.1f} s of each part: bench.hand_rest_m"
+    text = ", ".join(f"{value:.2f}" for value in place)
+    return f"a hand that rests at [{text}] spares {present_s - least_s:.1f} s of each part: bench.hand_rest_m"
 
 
 def _places(bench: Bench) -> Iterator[tuple[float, float, float]]:

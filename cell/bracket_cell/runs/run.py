@@ -112,11 +112,11 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
-        configuration, told = with_detectors_for(configuration, product)
-        if told:
-            console.print(told, highlight=False)
-        if told := unnamed_calibration(options.configuration, configuration):
-            console.print(told, highlight=False, soft_wrap=True)
+        configuration, notice = with_detectors_for(configuration, product)
+        if notice:
+            console.print(notice, highlight=False)
+        if notice := unnamed_calibration(options.configuration, configuration):
+            console.print(notice, highlight=False, soft_wrap=True)
         check_detectors(configuration.bench, product, configuration.perception)
         drivers = find_drivers(configuration) if options.devices is None else {}
         if options.devices is None and any(driver.on_the_wall for driver in drivers.values()):

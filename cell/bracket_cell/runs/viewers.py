@@ -55,18 +55,18 @@ class Viewers:
     @property
     def addresses(self) -> list[str]:
         """Where they are found, a line each."""
-        told = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
+        urls = [] if self.live is None else [f"live: ws://127.0.0.1:{self.live.port} (layout: {LAYOUT})"]
         if self.page is not None and self.page.served:
-            told.append("the operator's page is that of `cell serve`")
+            urls.append("the operator's page is that of `cell serve`")
         elif self.page is not None:
-            told.append(f"the operator's page: {self.page.address}")
-            told += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
-            told += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
-        told += [] if self.mqtt is None else [f"MQTT: {self.mqtt.address}"]
-        told += [] if self.ros is None else [self.ros.address]
+            urls.append(f"the operator's page: {self.page.address}")
+            urls += [f"only to look: {self.page.address_of('look')}"] * (not self.page.local)
+            urls += ["without page.certificate others on the network can read these addresses"] * self.page.in_clear
+        urls += [] if self.mqtt is None else [f"MQTT: {self.mqtt.address}"]
+        urls += [] if self.ros is None else [self.ros.address]
         alone = bool(self.opcua) and (self.page is None or not self.page.served)
         return (
-            [*told, f"plant.opcua: nothing listens at {self.opcua}, as `cell serve` alone serves it"] if alone else told
+            [*urls, f"plant.opcua: nothing listens at {self.opcua}, as `cell serve` alone serves it"] if alone else urls
         )
 
     def edited(self, tree: Tree, time_s: float) -> None:
@@ -117,8 +117,8 @@ def open_viewers(
     if options.page is not None:
         from bracket_cell.viewing.page.page import OperatorPage
 
-        where, settings, told = Address.parse(options.page, "--page"), files.configuration.page, _told(options, files)
-        page = OperatorPage(model, told, files.tree, put, where, settings, keeper, options.slower)
+        where, settings, facts = Address.parse(options.page, "--page"), files.configuration.page, _told(options, files)
+        page = OperatorPage(model, facts, files.tree, put, where, settings, keeper, options.slower)
         stack.callback(page.abandon)
     if (broker := files.configuration.plant.mqtt) is not None:
         from bracket_cell.plant.sparkplug import SparkplugNode
@@ -139,6 +139,6 @@ def open_viewers(
 
 def _told(options: RunOptions, files: Files) -> dict[str, str]:
     """What the page says of the run, by name."""
-    told = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
-    told |= {"safety": files.safety.short} | ({"unsafe": "; ".join(files.unsafe)} if files.unsafe else {})
-    return told | ({"shift": "yes"} if options.brackets is not None else {})
+    fields = {"product": files.product.name, "tree": options.tree.name, "seed": str(options.seed)}
+    fields |= {"safety": files.safety.short} | ({"unsafe": "; ".join(files.unsafe)} if files.unsafe else {})
+    return fields | ({"shift": "yes"} if options.brackets is not None else {})

@@ -52,8 +52,8 @@ class Launcher:
         if self._child is None or self._child.poll() in (None, 0, 1, 3):  # ended as runs end, or goes on
             return ""
         lines = self._out.read_text("utf-8", "replace").splitlines()
-        told = [line for line in lines[-LINES_N:] if line.startswith(("cell: ", "  "))]
-        return "\n".join(told or lines[-1:]).removeprefix("cell: ")
+        complaints = [line for line in lines[-LINES_N:] if line.startswith(("cell: ", "  "))]
+        return "\n".join(complaints or lines[-1:]).removeprefix("cell: ")
 
     def begin(self, operator: str, resumed: Path | None = None, more: Sequence[str] = ()) -> None:
         """Begin a run.

@@ -115,9 +115,9 @@ class CellServer(WebServer):
                 async with asked(self._launcher.socket, "/events", role) as answer:
                     async for event in answer.events():
                         yield event
-            told = await asyncio.to_thread(self.between)
+            news = await asyncio.to_thread(self.between)
             yield _event("age", f"0 {time.monotonic():.2f}")
-            yield _event("between", json.dumps(told))
+            yield _event("between", json.dumps(news))
             await asyncio.sleep(BEAT_S)
 
     async def _of_the_run(self, request: Request) -> Response:

@@ -103,8 +103,8 @@ class Pull:
 
     def feel(self, observation: Observation, away_m: float) -> bool:
         """One more tick; returns whether the force of the part alone is known by now."""
-        told, now_s = observation.arm.force_n, observation.time_s
-        if told is None or not all(map(math.isfinite, told)):
+        force_n, now_s = observation.arm.force_n, observation.time_s
+        if force_n is None or not all(map(math.isfinite, force_n)):
             self.force_n, self.along_n = 0.0, np.zeros(2)
             return self.rest_n is not None
         if self.rest_n is None:
@@ -112,12 +112,12 @@ class Pull:
                 self._told_n, self._alone_since_s = [], None
                 return False
             self._alone_since_s = now_s if self._alone_since_s is None else self._alone_since_s
-            self._told_n.append(told)
+            self._told_n.append(force_n)
             if now_s - self._alone_since_s >= RESTS_S:
                 x, y, z = np.median(np.array(self._told_n), axis=0).tolist()
                 self.rest_n = x, y, z
             return False
-        self.force_n, self.along_n = math.dist(told, self.rest_n), np.subtract(told, self.rest_n)[:2]
+        self.force_n, self.along_n = math.dist(force_n, self.rest_n), np.subtract(force_n, self.rest_n)[:2]
         return True
 
     def towards_n(self, way: Array) -> float:

@@ -210,15 +210,15 @@ class Situation:
 
     def _commanded(self, seen: Observation, what: str) -> Any:
         asked = self.command or Command()
-        told = asked if isinstance(asked, Mapping) else vars(asked)
-        gripper = told.get("gripper")
+        command = asked if isinstance(asked, Mapping) else vars(asked)
+        gripper = command.get("gripper")
         goal_m = gripper.get("opening_m") if isinstance(gripper, Mapping) else getattr(gripper, "opening_m", None)
         if what == "opening_m":
             return goal_m
         by_m = 0.0 if goal_m is None else goal_m - seen.gripper.opening_m
         return {
-            "moves": told.get("follow") is not None,
-            "stops": bool(told.get("stop_arm")),
+            "moves": command.get("follow") is not None,
+            "stops": bool(command.get("stop_arm")),
             "opens": by_m > OPENS_M,
             "closes": by_m < -OPENS_M,
         }[what]

@@ -143,12 +143,12 @@ class Debugger:
 
     def _told(self, file: Path, line: int, number: int) -> Body:
         """A breakpoint as the editor is told of it."""
-        told: Body = {"id": number, "verified": False, "line": line}
+        answer: Body = {"id": number, "verified": False, "line": line}
         if self._tree is None:
-            return {**told, "message": "waits for the run"}
+            return {**answer, "message": "waits for the run"}
         found, _ = self._tree.at(file, line)
         missing = "no node of the running tree stands here or below"
-        return {**told, "verified": True, "line": found} if found else {**told, "message": missing}
+        return {**answer, "verified": True, "line": found} if found else {**answer, "message": missing}
 
     def _tell_lines(self) -> None:
         lines = {} if self._tree is None else self._tree.by_line(self._statuses)

@@ -201,11 +201,11 @@ class Gate:
         """The head of a request of HTTP; raises RefusedError where it must stay outside."""
         head = await reader.readuntil(b"\r\n\r\n")
         fields = [line.partition(":") for line in head.decode("latin-1").split("\r\n")[1:] if line]
-        told = [(name.strip().lower(), value.strip()) for name, _, value in fields]
-        hosts = [value for name, value in told if name == "host"]
+        headers = [(name.strip().lower(), value.strip()) for name, _, value in fields]
+        hosts = [value for name, value in headers if name == "host"]
         if len(hosts) != 1 or hosts[0] not in {f"{name}:{self.port}" for name in (LOOPBACK, "localhost")}:
             raise RefusedError("unknown host")
-        if any(self._is_foreign(value) for name, value in told if name == "origin"):
+        if any(self._is_foreign(value) for name, value in headers if name == "origin"):
             raise RefusedError("foreign origin")
         return head
 

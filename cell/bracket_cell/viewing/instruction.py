@@ -383,8 +383,8 @@ def _shown_as(tree: Tree) -> tuple[Tree, dict[int, str]]:
 
 def _also(task: Instruction, words: str) -> Instruction:
     """A task with what the robot does meanwhile."""
-    told = Message("{task}: {robot}", task=task.words, robot=words)
-    return Instruction(task.moment, told, task.holes, task.bins, task.tray)
+    message = Message("{task}: {robot}", task=task.words, robot=words)
+    return Instruction(task.moment, message, task.holes, task.bins, task.tray)
 
 
 def _or(names: list[str]) -> str:

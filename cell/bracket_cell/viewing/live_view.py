@@ -106,10 +106,10 @@ class MonitorClient:
     def said(self) -> dict[int, str]:
         """Why nodes wait, or how they ended, by uid; a monitor of another program knows nothing of that."""
         try:
-            told: dict[str, str] = json.loads(self._ask(FEEDBACK))
+            feedback: dict[str, str] = json.loads(self._ask(FEEDBACK))
         except InputError:
             return {}
-        return {int(uid): text for uid, text in told.items()}
+        return {int(uid): text for uid, text in feedback.items()}
 
     def places(self) -> list[tuple[str, int]]:
         """File and line of every node, in the order of the uids.
@@ -122,10 +122,10 @@ class MonitorClient:
     def why(self) -> str:
         """Why the robot does what it does, in one sentence; a monitor of another program does not know."""
         try:
-            told: dict[str, str] = json.loads(self._ask(WHY))
+            reasons: dict[str, str] = json.loads(self._ask(WHY))
         except InputError:
             return ""
-        return told["text"] + (f"; otherwise {told['otherwise']}" if told["otherwise"] else "")
+        return reasons["text"] + (f"; otherwise {reasons['otherwise']}" if reasons["otherwise"] else "")
 
     def awaited(self, wait_s: float, waits: Callable[[], object]) -> ElementTree.Element:
         """The tree of a run, which may begin within some time.
@@ -136,16 +136,16 @@ class MonitorClient:
         Raises:
             InputError: it did not begin.
         """
-        until_s, told = time.monotonic() + wait_s, False
+        until_s, shown = time.monotonic() + wait_s, False
         while True:
             try:
                 return self.tree()
             except InputError:
                 if time.monotonic() >= until_s:
                     raise
-                if not told:
+                if not shown:
                     waits()
-                told = True
+                shown = True
 
     def order(self, kind: str, body: bytes) -> None:
         """Order something about hooks.

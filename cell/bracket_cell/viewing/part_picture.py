@@ -78,8 +78,8 @@ def _view(stance: Stance) -> Iterator[str]:
                     )
                 )
     for _, points, rgb in sorted(faces, key=lambda face: face[0]):
-        told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-        yield f'<polygon points="{told}" fill="rgb{rgb}" stroke="rgb{rgb}" stroke-width="0.6"/>'
+        text = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        yield f'<polygon points="{text}" fill="rgb{rgb}" stroke="rgb{rgb}" stroke-width="0.6"/>'
 
 
 def _pads(proposal: GripProposal) -> Iterator[Mesh]:

@@ -121,7 +121,7 @@ class LiveProgress(Observer):
         return guidance_sentences(shown.guidance, shown.any_part, instructor.product, instructor.done)
 
     def _tell_changes(self, time_s: float) -> None:
-        told = {
+        fields = {
             "hand": self._hand,
             "goal": belief_text(self._display.goal_belief),
             "guidance": listed(self._guidance(), ". "),
@@ -129,8 +129,8 @@ class LiveProgress(Observer):
             "help": self._display.help_request or "",
             "asks": listed(list(map(question_text, self._display.questions))),
         }
-        news = {name: FALLING.sub("", self._words(text)) for name, text in told.items()}
-        for name, text in told.items():
+        news = {name: FALLING.sub("", self._words(text)) for name, text in fields.items()}
+        for name, text in fields.items():
             if text and news[name] != self._said.get(name):
                 self._console.print(_line(time_s, name, self._words(text)), markup=False, highlight=False)
         self._said = news

@@ -79,10 +79,10 @@ def _shift(summary: Mapping[str, Any]) -> Rows:
     """Of brackets one after the other: how many came right, who placed the parts, what was asked."""
     done: Sequence[Mapping[str, Any]] = summary["brackets"]
     finished = [bracket for bracket in done if bracket["finished"]]
-    told = [f"{len(done)} begun, {len(finished)} finished"]
+    lines = [f"{len(done)} begun, {len(finished)} finished"]
     judged = any(bracket.get("correct") is not None for bracket in done)
-    told += [f"{summary[word]} {word}" for word in ("right", "wrong") if judged and (summary[word] or word == "right")]
-    rows = {"brackets": ", ".join(told)}
+    lines += [f"{summary[word]} {word}" for word in ("right", "wrong") if judged and (summary[word] or word == "right")]
+    rows = {"brackets": ", ".join(lines)}
     if known := [
         f"{bracket['number']} ({', '.join(bracket['known_wrong'])})" for bracket in done if bracket.get("known_wrong")
     ]:

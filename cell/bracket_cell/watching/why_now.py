@@ -102,8 +102,8 @@ class WhyNow(Observer):
                 noted = {**fields, "time_s": record.observation.time_s}
                 self._causes.setdefault(str(fields["by"]), {})[key] = noted
             elif topic == "verdict":
-                told = (str(fields.get(name, "")) for name in ("subject", "decision", "reason"))
-                self._verdict = Guarded(*told)
+                words = (str(fields.get(name, "")) for name in ("subject", "decision", "reason"))
+                self._verdict = Guarded(*words)
 
     def __call__(self) -> Why:
         """Why, after the last tick."""

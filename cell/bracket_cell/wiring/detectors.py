@@ -130,9 +130,9 @@ def detectors_for(perception: Perception, product: Product) -> tuple[Perception,
         known = {} if card is None or task == "hands" else card.vocabulary
         for use, words in wanted.items():
             if known.get(use, words) != words:
-                told = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
+                text = f"{path.name} knows the {use} {', '.join(known[use])}, and this product has {', '.join(words)}"
                 others = [other for other in DETECTORS if other != "hands" and getattr(perception, other) is None]
-                what = f"classical (colours, outlines): {', '.join(others)}: {told}; `cell train --all` trains others"
+                what = f"classical (colours, outlines): {', '.join(others)}: {text}; `cell train --all` trains others"
                 hands = perception.chosen("hands")
                 return perception.model_copy(update={"kind": "classical", "hands": hands}), what
     return perception, ""
@@ -160,13 +160,13 @@ def with_detectors_for(configuration: Configuration, product: Product) -> tuple[
     """
     real = "overhead" not in configuration.devices.simulated
     perception, of_hands = for_camera(configuration.perception, real)
-    perception, told = detectors_for(perception, product)
+    perception, notice = detectors_for(perception, product)
     separation = configuration.motion.separation
     error_m = max(separation.hand_error_m, hand_error_m(perception))
     separation = separation.model_copy(update={"hand_error_m": error_m})
     motion = configuration.motion.model_copy(update={"separation": separation})
     changed = configuration.model_copy(update={"perception": perception, "motion": motion})
-    return changed, "\n".join(words for words in (of_hands, told) if words)
+    return changed, "\n".join(words for words in (of_hands, notice) if words)
 
 
 def hand_error_m(perception: Perception) -> float:

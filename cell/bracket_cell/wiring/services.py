@@ -107,8 +107,8 @@ def _told(perception: Perception, layout: Layout) -> Confusions | None:
         ModelError: its weights cannot be read.
     """
     card = card_of(perception, "actions")
-    told = None if card is None else card.config.get("confusion")
-    return Confusions.counted(layout, told["classes"], told["counts"]) if isinstance(told, dict) else None
+    data = None if card is None else card.config.get("confusion")
+    return Confusions.counted(layout, data["classes"], data["counts"]) if isinstance(data, dict) else None
 
 
 def make_services(

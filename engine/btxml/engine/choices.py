@@ -158,9 +158,9 @@ class _Switch(Control):
 
     def decision(self, answer: Status, history: History) -> Decision:
         """The child of the case that was met."""
-        told = super().decision(answer, history)
+        base = super().decision(answer, history)
         value = self.variable.get_or(None)
-        return told._replace(words=told.words or f"its variable is {'not set' if value is None else shown(value)}")
+        return base._replace(words=base.words or f"its variable is {'not set' if value is None else shown(value)}")
 
     def _match(self) -> int:
         """The case that equals the variable as a text, as the name of an enum, or as a number."""

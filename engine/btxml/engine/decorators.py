@@ -58,9 +58,9 @@ class _Mapped(Decorator):
 
     def decision(self, answer: Status, history: History) -> Decision:
         """The child, even where the answer is always the same."""
-        told = super().decision(answer, history)
+        base = super().decision(answer, history)
         if self.on_success is not self.on_failure or answer is RUNNING:
-            return told
+            return base
         return Decision((self.decorated,), f"{ALWAYS[answer]}, whatever is below it", fixed=True)
 
 

@@ -51,8 +51,8 @@ class Sleep(Node):
         return SUCCESS if over else RUNNING
 
     def decision(self, answer: Status, history: History) -> Decision:
-        told = super().decision(answer, history)
-        return Decision((), f"waits {self.msec.get()} ms") if answer is RUNNING else told
+        base = super().decision(answer, history)
+        return Decision((), f"waits {self.msec.get()} ms") if answer is RUNNING else base
 
 
 class Script(Instant):

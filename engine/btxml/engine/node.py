@@ -374,13 +374,13 @@ class Node(TreeNode):
         if self.conditions is not None:
             status = self._execute_with(self.conditions)
         elif self.status is RUNNING:  # as `run`, whose call every leaf that waits would pay for
-            told = self.feedback_message
+            message = self.feedback_message
             try:
                 status = self.update()
             except BaseException as error:
                 status = self._raised(error)
             if status is RUNNING:
-                if self.feedback_message is not told and self.feedback_message != told:
+                if self.feedback_message is not message and self.feedback_message != message:
                     self.note_change((self, RUNNING, RUNNING, self.feedback_message))
                 return RUNNING
             status = self._finish(status)
@@ -392,10 +392,10 @@ class Node(TreeNode):
 
     @final
     def run(self) -> Status:
-        told = self.feedback_message
+        message = self.feedback_message
         try:
             if self.status is not RUNNING:
-                self.feedback_message = told = ""
+                self.feedback_message = message = ""
                 vars(self).pop("what_if", None)
                 self.initialise()
             status = self.update()
@@ -403,7 +403,7 @@ class Node(TreeNode):
             status = self._raised(error)
         if status is not RUNNING:
             return self._finish(status)
-        if self.status is RUNNING and self.feedback_message != told:
+        if self.status is RUNNING and self.feedback_message != message:
             self.note_change((self, RUNNING, RUNNING, self.feedback_message))
         return status
 

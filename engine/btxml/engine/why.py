@@ -201,15 +201,15 @@ def explain(node: TreeNode, answer: Status, history: History, place: Placed) -> 
     Args:
         place: file and line of a node, or of one of its attributes.
     """
-    told, attribute = decided(node, answer, history)
+    base, attribute = decided(node, answer, history)
     file, line = place(node, attribute)
     step = Step(
-        node.full_path, node.uid, _tag(node), node.name, file, line, answer.name, told.words, told.otherwise, told.fixed
+        node.full_path, node.uid, _tag(node), node.name, file, line, answer.name, base.words, base.otherwise, base.fixed
     )
-    if not told.by:
+    if not base.by:
         return Reason((step,))
-    answers = (history.answer(child, node) or history.of(child).answer or IDLE for child in told.by)
-    below = [explain(child, answer, history, place) for child, answer in zip(told.by, answers, strict=True)]
+    answers = (history.answer(child, node) or history.of(child).answer or IDLE for child in base.by)
+    below = [explain(child, answer, history, place) for child, answer in zip(base.by, answers, strict=True)]
     last = next((reason for reason in reversed(below) if not reason.fixed), below[-1])
     beside = (*(reason for reason in below if reason is not last), *last.beside)
     return Reason((step, *last.steps), beside)

@@ -83,7 +83,7 @@ def findings(paths: Iterable[Path], registry: Registry, known: Circumstances | N
         warnings += in_order([*(doubts if known.stubs else []), *meant])
         notes += in_order(library.notes)
     problems += unused_entries(trees)
-    return Findings(*(list(dict.fromkeys(told)) for told in (problems, warnings, notes)))
+    return Findings(*(list(dict.fromkeys(found)) for found in (problems, warnings, notes)))
 
 
 def sound_trees(paths: Iterable[Path], registry: Registry, known: Circumstances) -> Iterator[Tree]:

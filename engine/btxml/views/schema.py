@@ -89,8 +89,8 @@ def _node(schema: Element, tag: str, node: type[TreeNode], registry: Registry) -
         SubElement(element, f"{XS}group", ref="node", minOccurs=str(node.children_min), maxOccurs=most)
     for port in registry.ports(tag).values():
         default = default_text(port)
-        told = f"{port.direction}, {type_name(port.kind)}" + ("" if default is None else f" = {default}")
-        attribute = _attribute(element, port.name, f"{told}: {port.meaning}" if port.meaning else told)
+        text = f"{port.direction}, {type_name(port.kind)}" + ("" if default is None else f" = {default}")
+        attribute = _attribute(element, port.name, f"{text}: {port.meaning}" if port.meaning else text)
         attribute.set("use", "optional" if port.optional else "required")
         _value(attribute, port, registry.words)
     _common(element, more=node.further_port("NAME") is not None)

@@ -110,11 +110,11 @@ def check_arrival(bench: Bench) -> None:
     """It goes along the path, tells where on it, and is not moving once it is there."""
     path = bench.arm.follow(bench.way())
     states = bench.until(lambda state: not state.moving)
-    told = [(state.path_s, state) for state in states if state.path_s is not None and state.moving]
-    places = [path_s for path_s, _ in told]
-    assert len(told) > 5
+    known = [(state.path_s, state) for state in states if state.path_s is not None and state.moving]
+    places = [path_s for path_s, _ in known]
+    assert len(known) > 5
     assert all(later >= earlier - 1e-9 for earlier, later in itertools.pairwise(places))
-    for path_s, state in told:
+    for path_s, state in known:
         assert np.abs(path.at(path_s) - state.positions_rad).max() < OFF_PATH_RAD
     assert np.abs(bench.at_rad - path.at(path.duration_s)).max() < 0.006
     assert not bench.tick().moving

@@ -75,9 +75,9 @@ def check_no_stamp_is_of_a_time_to_come(bench: Bench) -> None:
 
 def check_a_frame_stays_the_newest_until_another_comes(bench: Bench) -> None:
     frame = bench.frames(1)[0]
-    told = bench.camera.latest()
-    assert told is not None
-    assert told is frame or told.time_s > frame.time_s
+    newest = bench.camera.latest()
+    assert newest is not None
+    assert newest is frame or newest.time_s > frame.time_s
 
 
 def check_a_lost_camera_says_so_and_comes_back(bench: Bench) -> None:

@@ -143,8 +143,8 @@ class Obstacle(Mount):
     @model_validator(mode="after")
     def _has_one_shape(self) -> Obstacle:
         shapes = {key: getattr(self, key) for key in ("box_m", "cylinder_m", "mesh")}
-        if (told := sum(shape is not None for shape in shapes.values())) != 1:
-            raise ValueError(f"{self.name} has {told} shapes; it needs one of {', '.join(shapes)}")
+        if (given := sum(shape is not None for shape in shapes.values())) != 1:
+            raise ValueError(f"{self.name} has {given} shapes; it needs one of {', '.join(shapes)}")
         return self
 
     @property

@@ -43,8 +43,8 @@ class Frame:
 
     def seen_from(self, world_from_camera: Pose) -> Frame:
         """The same frame, of a camera that is elsewhere than its driver reports: waits for the image."""
-        told = self.camera, self.sequence, self.time_s
-        return Frame(*told, self.image, world_from_camera, self.robot_m, depth_mm=self.depth_mm)
+        stamp = self.camera, self.sequence, self.time_s
+        return Frame(*stamp, self.image, world_from_camera, self.robot_m, depth_mm=self.depth_mm)
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
@@ -112,9 +112,9 @@ class PendingFrame(Frame):
     def beside(self, robot_m: Array | None) -> PendingFrame:
         """As in `Frame`; the image still comes later."""
         own = vars(self)
-        told = self.camera, self.sequence, self.time_s, own["_pending"], self.world_from_camera, own["_done"]
-        return PendingFrame(*told, robot_m)
+        fields = self.camera, self.sequence, self.time_s, own["_pending"], self.world_from_camera, own["_done"]
+        return PendingFrame(*fields, robot_m)
 
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
-        told = self.camera, self.sequence, self.time_s
-        return Frame, (*told, self.image, self.world_from_camera, self.robot_m, self.at_tool, self.depth_mm)
+        stamp = self.camera, self.sequence, self.time_s
+        return Frame, (*stamp, self.image, self.world_from_camera, self.robot_m, self.at_tool, self.depth_mm)

@@ -83,8 +83,8 @@ class AssemblyState:
 
     def without(self, goal: str) -> AssemblyState:
         """The state after a person said that it is not this goal."""
-        told = None if self.told_goal == goal else self.told_goal
-        return replace(self, told_goal=told, denied=(*self.denied, goal))
+        goal_left = None if self.told_goal == goal else self.told_goal
+        return replace(self, told_goal=goal_left, denied=(*self.denied, goal))
 
     @property
     def by_people(self) -> AssemblyState:
@@ -150,20 +150,20 @@ class AssemblyPlan:
         done = {part for part, to in self.guidance.items() if not to and part not in wanted}
         return {part: to for part, to in sure.items() if to or part in done}, tuple(undecided)
 
-    def with_told(self, told: Mapping[str, str]) -> AssemblyPlan:
+    def with_told(self, parts: Mapping[str, str]) -> AssemblyPlan:
         """The plan where a person said what goes into some open positions.
 
         Args:
             told: part type by position.
         """
-        if not told:
+        if not parts:
             return self
-        sure = {(part, position): 1.0 for position, part in told.items()}
-        others = {edge: share for edge, share in self.next_belief.items() if edge[1] not in told}
-        first = {part: tuple(at for at in told if told[at] == part) for part in (*self.guidance, *told.values())}
-        rest = {part: tuple(at for at in to if at not in told) for part, to in self.guidance.items()}
+        sure = {(part, position): 1.0 for position, part in parts.items()}
+        others = {edge: share for edge, share in self.next_belief.items() if edge[1] not in parts}
+        first = {part: tuple(at for at in parts if parts[at] == part) for part in (*self.guidance, *parts.values())}
+        rest = {part: tuple(at for at in to if at not in parts) for part, to in self.guidance.items()}
         guidance = {part: (*first[part], *rest.get(part, ())) for part in first}
-        return replace(self, next_belief={**others, **sure}, next_part=next(iter(told.values())), guidance=guidance)
+        return replace(self, next_belief={**others, **sure}, next_part=next(iter(parts.values())), guidance=guidance)
 
     def expecting(self, variant: str, product: Product, state: AssemblyState) -> AssemblyPlan:
         """The plan where a work order says what to expect: by Bayes' rule, so that what is placed still decides.

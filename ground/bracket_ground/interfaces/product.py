@@ -447,10 +447,10 @@ class Product(Model):
         blank = [
             ((*at, name), name) for at, names in keys for name in names if not (name.strip() and name.isprintable())
         ]
-        told: list[tuple[Location, str]] = [(at, f"{name!r} is no name: it needs letters") for at, name in blank]
+        bad: list[tuple[Location, str]] = [(at, f"{name!r} is no name: it needs letters") for at, name in blank]
         if EMPTY in self.parts:
-            told.append((("parts", EMPTY), f"{EMPTY!r} says that nothing goes into a slot; give the type another name"))
-        return told
+            bad.append((("parts", EMPTY), f"{EMPTY!r} says that nothing goes into a slot; give the type another name"))
+        return bad
 
     def _overlapping(self) -> list[tuple[Location, str]]:
         """Holes that run into each other."""

@@ -50,18 +50,18 @@ def evaluate(
     kinds = shared.kind or [configuration.perception.chosen("actions").kind]
     _require_possible(kinds, shared.weights, confusions, quick=quick)
     split, wanted = shared.split()
-    told: dict[str, object] = {"look": shared.look, "person": shared.person, "pace": pace}
+    fields: dict[str, object] = {"look": shared.look, "person": shared.person, "pace": pace}
     if quick:
         scores = evaluate_segments(configuration, product, kinds[0], wanted, shared.weights)
-        print_json({**told, "seeds": shared.seeds, **scores})
+        print_json({**fields, "seeds": shared.seeds, **scores})
         return 0
     perception = configuration.perception
-    told |= {"tracker": perception.chosen("hands").kind, "physics": shared.physics, "cameras": shared.cameras.value}
+    fields |= {"tracker": perception.chosen("hands").kind, "physics": shared.physics, "cameras": shared.cameras.value}
     used = [*perception.files("hands").values(), *perception.files("holes").values()]
     used += [perception.with_detector("actions", kind).weights("actions") for kind in kinds if kind in TRAINABLE]
     used += [shared.weights] if shared.weights is not None else []
     there = [path for path in used if path.is_file()]
-    kept = shared.rows(["seed"], {"command": "actions", **told, "kinds": kinds}, scoring, *there)
+    kept = shared.rows(["seed"], {"command": "actions", **fields, "kinds": kinds}, scoring, *there)
     watch = partial(
         scoring.evaluate_actions,
         *(configuration, product, kinds),
@@ -76,7 +76,7 @@ def evaluate(
     source = f"cell lab eval actions --look {shared.look} --person {shared.person} --seeds {shared.seeds}"
     found = _reported(product, kinds, rows, title, source, confusions)
     if shared.as_json:
-        print_json({**told, "seeds": shared.seeds, "recordings": len(rows), "kinds": found})
+        print_json({**fields, "seeds": shared.seeds, "recordings": len(rows), "kinds": found})
     return 0 if len(rows) == len(wanted) else 1
 
 

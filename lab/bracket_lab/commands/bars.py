@@ -60,30 +60,30 @@ class Figure(Model):
             raise ValueError(f"{self.claim}: must not have both `least` and `most`")
         return self
 
-    def of(self, told: Any) -> dict[str, Any]:
+    def of(self, data: Any) -> dict[str, Any]:
         """The figure in a command's answer, its interval, and whether it meets the bar.
 
         Raises:
             InputError: the answer does not hold it.
         """
-        trivial = self._number(self.trivial, told)[0] if isinstance(self.trivial, str) else self.trivial
-        value, told = self._number(self.key, told)
+        trivial = self._number(self.trivial, data)[0] if isinstance(self.trivial, str) else self.trivial
+        value, data = self._number(self.key, data)
         last = self.key.rpartition(".")[2]
-        low, high = (told.get(f"{last}_{end}", told.get(end) if last == "share" else None) for end in ("low", "high"))
-        count = self.n or (told.get("n") if last == "share" else None)
+        low, high = (data.get(f"{last}_{end}", data.get(end) if last == "share" else None) for end in ("low", "high"))
+        count = self.n or (data.get("n") if last == "share" else None)
         bar = self.least if self.least is not None else self.most
         met = None if bar is None else value >= bar if self.least is not None else value <= bar
         beside = {"bar": bar, "met": met, "trivial": trivial, "paper": self.paper, "n": count}
         ends = None if low is None else [_short(low), _short(high)]
         return {"claim": self.claim, "figure": _short(value), "interval": ends, **beside}
 
-    def _number(self, key: str, told: Any) -> tuple[float, Any]:
+    def _number(self, key: str, data: Any) -> tuple[float, Any]:
         """A number of a command's answer, and what holds it."""
         *way, last = key.split(".")
         try:
             for name in way:
-                told = told[name]
-            return float(told[last]), told
+                data = data[name]
+            return float(data[last]), data
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{self.claim}: the answer holds no number `{key}`") from None
 
@@ -252,8 +252,8 @@ def _write(chosen: Sequence[Measured], rows: Sequence[dict[str, Any]]) -> None:
     for bar in chosen:
         seeds = f"{bar.seeds} seeds"
         found = [next(rest) for _ in bar.figures]
-        told = ({**row, "interval": row["interval"] or "unknown", "n": row["n"] or seeds} for row in found)
-        write_rows(bar.page, bar.table, [Row(**row, commit=commit[:8], release=version()) for row in told])
+        shown = ({**row, "interval": row["interval"] or "unknown", "n": row["n"] or seeds} for row in found)
+        write_rows(bar.page, bar.table, [Row(**row, commit=commit[:8], release=version()) for row in shown])
 
 
 def _cost(chosen: Sequence[Measured], first_seed: int) -> Table:

@@ -40,12 +40,12 @@ def paste(
         folder = DataFolder(partial, f"cell lab data sheets {sheets}")
         Paster(cuttings, product, bench).write(folder, behind, count, seed)
         folder.close({f"photographs of {part}": len(some) for part, some in cuttings.items()})
-    told: dict[str, object] = {f"photographs of {part}": len(some) for part, some in cuttings.items()}
-    told |= {"images": count, "left out": left_out}
+    fields: dict[str, object] = {f"photographs of {part}": len(some) for part, some in cuttings.items()}
+    fields |= {"images": count, "left out": left_out}
     if as_json:
-        print_json(told)
+        print_json(fields)
         return
     for why in left_out:
         console().print(f"left out: {why}", highlight=False)
-    console().print(table(str(out), {**told, "left out": len(left_out)}))
+    console().print(table(str(out), {**fields, "left out": len(left_out)}))
     console().print(f"next: cell train parts --data {out}", highlight=False)

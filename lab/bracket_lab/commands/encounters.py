@@ -78,12 +78,12 @@ def encounters(
     ratios = {
         f"with_over_without {xml.stem} {who}": throughput_ratio(kept.rows, xml, who) for xml in trees for who in BESIDE
     }
-    told = {**experiment, **found, **ratios}
-    console().print(told)
+    fields = {**experiment, **found, **ratios}
+    console().print(fields)
     if not found["encounters"]:
         console().print(f"no encounter: the arm moved near nobody in {found['sim_time_s']} s")
     if shared.as_json:
-        print_json({**told, "rows": kept.rows})
+        print_json({**fields, "rows": kept.rows})
     return 0 if passed(found, tracker) else 1
 
 

@@ -36,8 +36,8 @@ def figure10(
         raise InputError(f"--kind {unknown[0]}: unknown kind; legal: {', '.join(KINDS)}")
     if out is None or len(seeds) < FOLDS:
         raise InputError(f"figure10 needs --out FILE, and at least {FOLDS} --seeds, as 600000:600030")
-    told = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
-    kept = shared.rows(["fold", "kind"], {"command": "figure10", **told, "seed": shared.seed}, actions)
+    fields = {"look": shared.look, "seeds": shared.seeds, "epochs": epochs, "share": share}
+    kept = shared.rows(["fold", "kind"], {"command": "figure10", **fields, "seed": shared.seed}, actions)
     wanted = [(fold, kind) for fold in range(FOLDS) for kind in kinds if (fold, kind) not in kept]
     status = 0
     if wanted:
@@ -57,5 +57,5 @@ def figure10(
             status = 1
     console().print(page(kept.rows), highlight=False, soft_wrap=True)
     if shared.as_json:
-        print_json({**told, "kinds": shares(kept.rows)})
+        print_json({**fields, "kinds": shares(kept.rows)})
     return status

@@ -65,18 +65,18 @@ def compose(
         seen = write_photographs(files, compositor)
         if files and not seen:
             raise InputError(f"{photographs}: MediaPipe finds no hand in {len(files)} photographs")
-        told = {"photographs": len(files), "with hands": seen}
+        fields = {"photographs": len(files), "with hands": seen}
         if empty:
             weights = configuration.perception.with_detector("hands", "slim", None).weights("hands")
             tracker = SlimReader(setup, tuple(load_product(configuration).parts), weights)
             left_out = write_handless(empty, tracker, compositor)
-            told |= {"without hands": len(empty) - left_out, "left out, as MediaPipe sees a hand": left_out}
-        told["images"] = folder.counts["hands"]
-        folder.close({name.replace(" ", "_"): count for name, count in told.items()})
+            fields |= {"without hands": len(empty) - left_out, "left out, as MediaPipe sees a hand": left_out}
+        fields["images"] = folder.counts["hands"]
+        folder.close({name.replace(" ", "_"): count for name, count in fields.items()})
     if as_json:
-        print_json(told)
+        print_json(fields)
     else:
-        console().print(table(str(out), told))
+        console().print(table(str(out), fields))
 
 
 @command_from(Shared, *_OPTIONS, physics=True)
@@ -115,8 +115,8 @@ def evaluate(
     for name, figure in found.items():
         console().print(table(f"{name}, {shared.look}, {persons}, cameras {cameras}", _rows(figure)))
     if shared.as_json:
-        told = {"look": shared.look, "only": persons, "cameras": cameras, "seeds": shared.seeds}
-        print_json({**told, "physics": shared.physics, "trackers": found})
+        fields = {"look": shared.look, "only": persons, "cameras": cameras, "seeds": shared.seeds}
+        print_json({**fields, "physics": shared.physics, "trackers": found})
 
 
 def _maker(

@@ -91,15 +91,15 @@ def see(
     most = frames or (MOST_FROM_CAMERA if source.startswith("camera:") else None)
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
         looks = [partial(_look, image, product, camera, opened.follows) for image in each]
-        told = _seen(opened, most, every, writer, looks)
-    rows = {"frames": len(told[0])}
-    for name, frames_told in zip(trackers, told, strict=True):
+        rows_of = _seen(opened, most, every, writer, looks)
+    rows = {"frames": len(rows_of[0])}
+    for name, frames_told in zip(trackers, rows_of, strict=True):
         counts = _of_hands(frames_told) if camera == "overhead" else {}
-        rows |= {f"{name}: {what}" if len(told) > 1 else what: count for what, count in counts.items()}
+        rows |= {f"{name}: {what}" if len(rows_of) > 1 else what: count for what, count in counts.items()}
     console().print(table(str(target), rows))
     if as_json:
-        beside = {str(name): frames_told for name, frames_told in zip(trackers[1:], told[1:], strict=True)}
-        answer = {"source": source, "written": [str(file) for file in writer.written], "frames": told[0]}
+        beside = {str(name): frames_told for name, frames_told in zip(trackers[1:], rows_of[1:], strict=True)}
+        answer = {"source": source, "written": [str(file) for file in writer.written], "frames": rows_of[0]}
         print_json(answer | ({"beside": beside} if beside else {}))
 
 
@@ -122,7 +122,7 @@ def _seen(
     Args:
         looks: at frames of a height and width [px].
     """
-    told: list[list[dict[str, Any]]] = [[] for _ in looks]
+    rows_of: list[list[dict[str, Any]]] = [[] for _ in looks]
     watching: list[Look] = []
     size = (0, 0)
     for frame in islice(opened.frames, most):
@@ -131,18 +131,18 @@ def _seen(
             watching = [look(size) for look in looks]
         views, images = zip(*(watch(frame) for watch in watching), strict=True)
         file = {"file": opened.files[frame.sequence]} if opened.files else {}
-        for frames_told, view in zip(told, views, strict=True):
+        for frames_told, view in zip(rows_of, views, strict=True):
             frames_told.append(file | view)
         if frame.sequence % every == 0:
             writer.write(np.hstack(images), opened.title(frame.sequence))
-    return told
+    return rows_of
 
 
-def _of_hands(told: list[dict[str, Any]]) -> dict[str, int]:
+def _of_hands(frames: list[dict[str, Any]]) -> dict[str, int]:
     """In how many frames hands are seen, and how often the one that works was lost."""
-    there = [bool(row.get("hand")) for row in told]
+    there = [bool(row.get("hand")) for row in frames]
     lost = sum(before and not now for before, now in pairwise(there))
-    beside = sum(bool(row.get("other_hands")) for row in told)
+    beside = sum(bool(row.get("other_hands")) for row in frames)
     return {"with a hand that works": sum(there), "times that it was lost": lost, "with other hands": beside}
 
 

@@ -62,11 +62,11 @@ def draw_stacks(
         facts = {"scenes": scenes, "test": len(test), "objects": objects, "on_others": on_others}
         command = f"cell lab data stacks --scenes {scenes} --seed {seed} --classes {classes}"
         command += f" --deepest {deepest} --stacked-share {stacked_share:g}"
-        told = {"format": "cell.stacks", "version": 1, "made_by": command, **facts}
-        write_whole(folder / MANIFEST, _json(told))
+        fields = {"format": "cell.stacks", "version": 1, "made_by": command, **facts}
+        write_whole(folder / MANIFEST, _json(fields))
     console().print(table(str(out), facts))
     if as_json:
-        print_json(told)
+        print_json(fields)
 
 
 def numbers_of_classes(text: str) -> list[int]:

@@ -48,8 +48,8 @@ def system(
     Interrupted, it prints the table of what was run; with the same --out it goes on there.
     """
     configuration, cameras = _configured(shared, by_hand=by_hand, at_most=at_most), shared.cameras.value
-    told = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
-    told |= {
+    fields = {"look": shared.look, "person": shared.person, "perception": configuration.perception.words}
+    fields |= {
         "cameras": cameras,
         "tree": tree.name,
         "at_most_s": f"{configuration.controller.max_duration_s:g}",
@@ -57,7 +57,7 @@ def system(
     }
     wanted = [(count, seed) for seed in shared.numbers for count in goals or [3]]
     used = [path for task in DETECTORS for path in configuration.perception.files(task).values() if path.is_file()]
-    kept = shared.rows(["goals", "seed"], {"command": "system", **told}, scoring, *used)
+    kept = shared.rows(["goals", "seed"], {"command": "system", **fields}, scoring, *used)
     rows = list(kept.rows_of(key for key in wanted if key in kept))
     left = [key for key in wanted if key not in kept]
     status = 0
@@ -77,10 +77,10 @@ def system(
         status = 1
     found = scoring.table_1(rows)
     for count, scores in found.items():
-        title = f"{count} goals, " + ", ".join(f"{name} {value}" for name, value in told.items())
+        title = f"{count} goals, " + ", ".join(f"{name} {value}" for name, value in fields.items())
         console().print(table(title, {name: share_words(value) for name, value in scores.items()}))
     if shared.as_json:
-        print_json({**told, "seeds": shared.seeds, "goals": found})
+        print_json({**fields, "seeds": shared.seeds, "goals": found})
     return status
 
 

@@ -102,8 +102,8 @@ def write_hands(source: Source, folder: DataFolder, every: bool = False) -> None
     for seen in hand_frames(source, stretches, turned=not every):
         file = folder.image(f"images/{source.name}-{seen.frame.sequence:06d}.jpg", seen.frame.image)
         row = {"file": file, "log": source.name, "frame": seen.frame.sequence, "time_s": round(seen.frame.time_s, 4)}
-        told = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "decoys_px": seen.shadows_px}
-        folder.row("hands", {**row, **told})
+        fields = {"hands": [_row(hand) for hand in seen.hands], "tool_px": seen.tool_px, "decoys_px": seen.shadows_px}
+        folder.row("hands", {**row, **fields})
 
 
 def every_frame(count: int) -> list[range]:
@@ -156,8 +156,8 @@ def hand_frames(source: Source, stretches: Sequence[range], *, turned: bool = Fa
             exposure = replace(moment.exposure, moments=tuple(arm.put(instant, pose) for instant in exposed))
             poses = exposure.moments[-1]
             show_poses(data, poses)
-            told = (hand.truth(moment, poses, held, projection, data) for hand in hands)
-            seen = tuple(hand_truth for hand_truth in told if hand_truth is not None)
+            truths = (hand.truth(moment, poses, held, projection, data) for hand in hands)
+            seen = tuple(hand_truth for hand_truth in truths if hand_truth is not None)
             tool_m = arm.fingertips_m(poses)
             thrown = on_table(assembly.look.light, np.array([tool_m, *(_middle_m(hand) for hand in seen)]))
             tool, *shadows = (_rounded(px, 2) for px in projection.pixels(poses, np.array([tool_m, *thrown])))

@@ -78,8 +78,8 @@ def slipped(source: Source) -> list[Placed]:
                 came -= 1
             rests = now == stands[number + stays][position] == (part, True)
             empty = came >= stays and all(before[position][0] is None for before in stands[came - stays : came])
-            told = any(act[1:] == (part, position) and came - stays <= act[0] <= number + stays for act in let_go)
-            found += [(number, part, position)] if rests and empty and not told else []
+            reported = any(act[1:] == (part, position) and came - stays <= act[0] <= number + stays for act in let_go)
+            found += [(number, part, position)] if rests and empty and not reported else []
     return found
 
 
@@ -89,15 +89,15 @@ def with_slips(acts: Sequence[TruthEvent], source: Source) -> list[TruthEvent]:
     A person who is asked what was placed says the same, whether the part left the fingers a moment before they opened,
     or fell and stood a moment later.
     """
-    told = list(acts)
+    events = list(acts)
     for number, part, position in slipped(source):
         slipped_s = source.assembly.moments[number].time_s
-        away_s = {index: abs(act.time_s - slipped_s) for index, act in enumerate(told) if _of_nothing(act)}
+        away_s = {index: abs(act.time_s - slipped_s) for index, act in enumerate(events) if _of_nothing(act)}
         nearest = min(away_s, key=away_s.__getitem__, default=None)
         if nearest is not None and away_s[nearest] <= STAYS_S:
-            act = told[nearest]
-            told[nearest] = replace(act, fields={**act.fields, "part": part, "position": position})
-    return told
+            act = events[nearest]
+            events[nearest] = replace(act, fields={**act.fields, "part": part, "position": position})
+    return events
 
 
 def _of_nothing(act: TruthEvent) -> bool:

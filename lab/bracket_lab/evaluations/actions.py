@@ -41,14 +41,14 @@ IN_TIME_S = (-0.3, 1.0)  # a placement may be told so long after the fingers ope
 Told = tuple[float, str, str]  # (time, part, position)
 
 
-def matched(placed: Iterable[Told], told: Iterable[Told]) -> list[float]:
+def matched(placed: Iterable[Told], found_acts: Iterable[Told]) -> list[float]:
     """Delays of what was told in time with the right part and hole."""
-    return [delay_s for delay_s in delays(placed, told) if delay_s is not None]
+    return [delay_s for delay_s in delays(placed, found_acts) if delay_s is not None]
 
 
-def delays(placed: Iterable[Told], told: Iterable[Told]) -> list[float | None]:
+def delays(placed: Iterable[Told], reported: Iterable[Told]) -> list[float | None]:
     """How late each placement was told, in time with the right part and hole, or None; what was told counts once."""
-    left, found = list(told), list[float | None]()
+    left, found = list(reported), list[float | None]()
     for time_s, *what in placed:
         fits = (number for number, event in enumerate(left) if list(event[1:]) == what and _in_time(event[0] - time_s))
         number = next(fits, None)
@@ -243,8 +243,8 @@ class _Watcher:
         new = before is None or (before.part, before.position) != (action.part, action.position)
         if action.finished and new and action.part and action.position:
             self.told.append((frame.time_s, action.part, action.position))
-        if (told := self.listener.by_hand(frame.time_s)) is not None:
-            self.told_by_hand.append(told)
+        if (event := self.listener.by_hand(frame.time_s)) is not None:
+            self.told_by_hand.append(event)
 
 
 class _Listener:

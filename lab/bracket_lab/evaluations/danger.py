@@ -346,17 +346,17 @@ class Danger(Observer):
             and abs(np.linalg.norm(self._away_m(self._held)) - np.linalg.norm(self._held_m)) > FELL_M
         ):
             yield PART_FELL
-        told = self._cell.gripper_node.registers()
+        registers = self._cell.gripper_node.registers()
         goal_m = None if self._goal_m is None else min(max(self._goal_m, 0.0), self._cell.world.robot.gripper.stroke_m)
-        astray = goal_m is not None and told["gGTO"] and abs(told["gPR"] / 1000 - goal_m) > FINGERS_M
+        astray = goal_m is not None and registers["gGTO"] and abs(registers["gPR"] / 1000 - goal_m) > FINGERS_M
         self._fingers_s = min(self._fingers_s, now_s) if astray else math.inf
         if now_s - self._fingers_s > FINGERS_S:
             yield "the fingers go where nobody ordered"
 
     def _believed(self, seen: Observation, tool_m: Array) -> Iterator[str]:
-        told = np.array(seen.arm.positions_rad)
-        known = len(told) == len(self._cell.world.arm_qpos) and bool(np.isfinite(told).all())
-        off_m = float(np.linalg.norm(self._tool_m(told) - tool_m)) if known else math.inf
+        joints_rad = np.array(seen.arm.positions_rad)
+        known = len(joints_rad) == len(self._cell.world.arm_qpos) and bool(np.isfinite(joints_rad).all())
+        off_m = float(np.linalg.norm(self._tool_m(joints_rad) - tool_m)) if known else math.inf
         if off_m > ELSEWHERE_M:
             yield f"the arm moves {off_m:.2f} m from where it tells"
 

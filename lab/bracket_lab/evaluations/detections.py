@@ -128,9 +128,9 @@ def draw_hands(
 
 
 def _draw_hand(canvas: Canvas, hand: HandSample, colour: Colour) -> None:
-    told = [hand.side or "hand", f"holds {hand.held_part}" if hand.held_part else ""]
-    told += [] if hand.height_m is None else [f"{100 * hand.height_m:.0f} cm"]
-    canvas.box(hand.box_px, " ".join(word for word in [*told, f"{hand.confidence:.2f}"] if word), colour)
+    words = [hand.side or "hand", f"holds {hand.held_part}" if hand.held_part else ""]
+    words += [] if hand.height_m is None else [f"{100 * hand.height_m:.0f} cm"]
+    canvas.box(hand.box_px, " ".join(word for word in [*words, f"{hand.confidence:.2f}"] if word), colour)
     palm_m = ASSUMED_HEIGHT_M if hand.height_m is None else hand.height_m
     tips_m = palm_m if hand.fingertips_height_m is None else hand.fingertips_height_m
     palm = canvas.dot(*hand.palm_m, palm_m, colour, 6)

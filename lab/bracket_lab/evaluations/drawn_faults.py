@@ -130,9 +130,9 @@ class Watch(Observer):
         over = record.status == "STOPPING" or self.touched_s < math.inf
         if judgement is None or self.signal or over or not self.began_s < time_s:
             return
-        told = [name for name, _ in judgement.reasons if name not in OTHER_WORDS]
-        if told and judgement.action >= Action.WARN:
-            self.signal, self.noticed_s = told[0], time_s
+        signals = [name for name, _ in judgement.reasons if name not in OTHER_WORDS]
+        if signals and judgement.action >= Action.WARN:
+            self.signal, self.noticed_s = signals[0], time_s
 
     def _touch(self) -> None:
         """Arm and hand touch: the trial is over, and dangerous where the arm moved."""
@@ -367,6 +367,6 @@ def missing(faults: int, first_seed: int, done: Container[int]) -> list[tuple[li
 
 def words_of(row: Row) -> str:
     """A row for people."""
-    told = {"shown": "shown_by", "danger": "danger", "noticed": "noticed_by"}
-    parts = [f"{word} {row[f'{name}_s']} s: {row[by]}" for word, by in told.items() if row.get(by) for name in [word]]
+    fields = {"shown": "shown_by", "danger": "danger", "noticed": "noticed_by"}
+    parts = [f"{word} {row[f'{name}_s']} s: {row[by]}" for word, by in fields.items() if row.get(by) for name in [word]]
     return f"{row['number']} {row['fault']} @ {row.get('state', '')}: {row['judged']}; {'; '.join(parts)}"

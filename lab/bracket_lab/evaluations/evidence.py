@@ -144,8 +144,8 @@ class Evidence(Observer):
             return
         took_s = max(arm.time_s - before.time_s, 1e-3)
         moved = np.subtract(arm.positions_rad, before.positions_rad)
-        told = (np.array(arm.velocities_rad_s) + before.velocities_rad_s) / 2
-        off = np.abs(moved / took_s - told) - SPEED_OFF * np.abs(told)
+        reported = (np.array(arm.velocities_rad_s) + before.velocities_rad_s) / 2
+        off = np.abs(moved / took_s - reported) - SPEED_OFF * np.abs(reported)
         if self._again("speed", bool(off.max() > SPEED_OFF_RAD_S), 2) or np.abs(moved).max() > JUMP_RAD + 3 * took_s:
             yield f"positions and speeds of the arm differ by {off.max():.2f} rad/s"
         moves = bool(np.abs(arm.velocities_rad_s).max() > MOVES_RAD_S) or bool(np.abs(moved / took_s).max() > 0.15)

@@ -166,14 +166,14 @@ def write_rows(page: str, title: str, rows: Iterable[Row], folder: Path = FIGURE
 
 def _text(topic: Topic) -> str:
     """JSON with each row, and each line of cells, on a line of its own."""
-    told, lines = topic.model_dump(mode="json", exclude_defaults=True), list[str]()
+    fields, lines = topic.model_dump(mode="json", exclude_defaults=True), list[str]()
 
     def line(value: object) -> str:
         lines.append(json.dumps(value, ensure_ascii=False))
         return f"@{len(lines) - 1}@"
 
-    for table in told["tables"]:
+    for table in fields["tables"]:
         table |= {name: [line(row) for row in table[name]] for name in ("rows", "cells") if name in table}
         table |= {"head": line(table["head"])} if "head" in table else {}
-    text = json.dumps(told, indent=1, ensure_ascii=False)
+    text = json.dumps(fields, indent=1, ensure_ascii=False)
     return re.sub(r'"@(\d+)@"', lambda found: lines[int(found[1])], text) + "\n"

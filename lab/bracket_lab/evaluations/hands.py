@@ -146,14 +146,14 @@ def judge(
 
 def _measure(tally: Tally, view: View, hand: HandTruth, sample: HandSample) -> None:
     """Errors of a hand that was found."""
-    for name, told in (("palm", sample.palm_m), ("tips", sample.fingertips_m)):
+    for name, truth_m in (("palm", sample.palm_m), ("tips", sample.fingertips_m)):
         point = "palm" if name == "palm" else "pinch"
-        tally.add(f"{name}_mm", 1e3 * math.dist(told, hand.points_m[point][:2]))
+        tally.add(f"{name}_mm", 1e3 * math.dist(truth_m, hand.points_m[point][:2]))
         by_image = _by_image(view, hand, point)
-        tally.add(f"{name}_image_mm", 1e3 * math.dist(told, by_image[:2]))
+        tally.add(f"{name}_image_mm", 1e3 * math.dist(truth_m, by_image[:2]))
         height_m = sample.height_m if name == "palm" else sample.fingertips_height_m
         if height_m is not None:
-            same_height = view.on_plane(view.pixels(np.array([[*told, height_m]])), hand.points_m[point][2])[0]
+            same_height = view.on_plane(view.pixels(np.array([[*truth_m, height_m]])), hand.points_m[point][2])[0]
             tally.add(f"{name}_plane_mm", 1e3 * math.dist(same_height, by_image[:2]))
     if sample.deviation_m is not None:
         tally.add("palm_covered", math.dist(sample.palm_m, hand.points_m["palm"][:2]) <= sample.off_m)

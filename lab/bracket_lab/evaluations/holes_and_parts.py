@@ -130,11 +130,11 @@ def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, floa
     for scene in tray_scenes(task.configuration, task.product, seeds, mixed=mixed, steel_share=task.steel_share):
         bench = _bench(task, int(scene.log.removeprefix("seed")), scene)
         detector: PartDetector = task.detectors(bench, "parts").make("parts")
-        told = replace(
+        view = replace(
             scene, believed=scene.world_from_camera if task.cameras == "true" else bench.wrist.told(scene.believed)
         )
         each.append(Findings())
-        evaluate_parts([told], detector, task.product, each[-1])
+        evaluate_parts([view], detector, task.product, each[-1])
     return together(each).scores(task.product) | intervals(each, task.product)
 
 

@@ -52,8 +52,8 @@ class Exported(nn.Module):
         }
         chunk = self._act(seen) if self.policy.config.type == "act" else self._denoised(seen)
         kind = self.policy.config.output_features[ACTION].type
-        told: Tensor = self.after._apply_transform(chunk[:, self.rows], ACTION, kind, inverse=True)
-        return told
+        actions: Tensor = self.after._apply_transform(chunk[:, self.rows], ACTION, kind, inverse=True)
+        return actions
 
     def _act(self, seen: dict[str, Tensor]) -> Tensor:
         images = [seen[name] for name in self.policy.config.image_features]
@@ -68,8 +68,8 @@ class Exported(nn.Module):
         model, sample, start = self.policy.diffusion, self.noise, times - 1
         seen_all = model._prepare_global_conditioning(past)
         for at, share, share_after in self.times:
-            told = model.unet(sample, torch.full((1,), at, dtype=torch.long), global_cond=seen_all)
-            clean = (sample - math.sqrt(1 - share) * told) / math.sqrt(share) if self.tells_noise else told
+            predicted = model.unet(sample, torch.full((1,), at, dtype=torch.long), global_cond=seen_all)
+            clean = (sample - math.sqrt(1 - share) * predicted) / math.sqrt(share) if self.tells_noise else predicted
             noise = (sample - math.sqrt(share) * clean) / math.sqrt(1 - share)
             clean = clean.clamp(-self.most, self.most)
             sample = math.sqrt(share_after) * clean + math.sqrt(1 - share_after) * noise

@@ -63,9 +63,9 @@ def write_labels(folder: LabelFolder, target: str, holes_px: HolesPx) -> int:
     elif path.suffix.lower() == ".xml":
         write_whole(path, _cvat(pictures, names))
     else:
-        told = {"path": str(folder.path.resolve()), "train": IMAGES, "val": IMAGES, "names": dict(enumerate(names))}
+        fields = {"path": str(folder.path.resolve()), "train": IMAGES, "val": IMAGES, "names": dict(enumerate(names))}
         boxes = {f"labels/{Path(picture.file).stem}.txt": _yolo(picture, names) for picture in pictures}
-        write_new(path, {"data.yaml": yaml.safe_dump(told, sort_keys=False).encode(), **boxes})
+        write_new(path, {"data.yaml": yaml.safe_dump(fields, sort_keys=False).encode(), **boxes})
     return len(pictures)
 
 
@@ -75,10 +75,10 @@ def _coco(pictures: Sequence[Labelled], names: Sequence[str]) -> dict[str, Any]:
         width, height = picture.size_px
         images.append({"id": number, "file_name": picture.file, "width": width, "height": height})
         for name, (left, top, right, bottom), points in picture.boxes:
-            told = {"bbox": [left, top, right - left, bottom - top], "area": (right - left) * (bottom - top)}
+            fields = {"bbox": [left, top, right - left, bottom - top], "area": (right - left) * (bottom - top)}
             key = {"keypoints": points, "num_keypoints": sum(value > 0 for value in points[2::3])} if points else {}
             of = {"id": len(found) + 1, "image_id": number, "category_id": names.index(name) + 1, "iscrowd": 0}
-            found.append({**of, **told, **key})
+            found.append({**of, **fields, **key})
     named: list[dict[str, Any]] = [{"id": number, "name": name} for number, name in enumerate(names, 1)]
     named[names.index(HAND)]["keypoints"] = list(POINTS)
     return {"images": images, "categories": named, "annotations": found}
@@ -115,8 +115,8 @@ def _cvat(pictures: Sequence[Labelled], names: Sequence[str]) -> bytes:
         _texts(ElementTree.SubElement(labels, "label"), name=name)
     for number, picture in enumerate(pictures):
         size = {"width": str(picture.size_px[0]), "height": str(picture.size_px[1])}
-        told = {"id": str(number), "name": PurePosixPath(picture.file).name, **size}
-        image = ElementTree.SubElement(root, "image", told)
+        fields = {"id": str(number), "name": PurePosixPath(picture.file).name, **size}
+        image = ElementTree.SubElement(root, "image", fields)
         for name, box, _ in picture.boxes:
             sides = {side: f"{at:.2f}" for side, at in zip(CVAT_SIDES, box, strict=True)}
             ElementTree.SubElement(image, "box", {"label": name, "occluded": "0", **sides, "z_order": "0"})

@@ -149,9 +149,9 @@ def _yolo(folder: Path, names_file: Path) -> Iterator[ForeignPicture]:
     if names_file.name in CLASSES:
         names = dict(enumerate(line.strip() for line in text.splitlines() if line.strip()))
     else:
-        told = read_data(names_file, text)
-        told = told.get("names") if isinstance(told, dict) else None
-        pairs = told.items() if isinstance(told, dict) else enumerate(told) if isinstance(told, list) else ()
+        data = read_data(names_file, text)
+        data = data.get("names") if isinstance(data, dict) else None
+        pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
         names = {int(number): str(name) for number, name in pairs if str(number).isdecimal()}
     if not names:
         raise InputError(f"{names_file}: names no classes: `names` must be a list, or names by number")
@@ -251,8 +251,8 @@ def _xml(file: Path) -> list[ForeignPicture]:
 
 
 def _voc(root: _Element) -> ForeignPicture:
-    told = (*root.child("size/width"), *root.child("size/height"))
-    size_px = (told[0], told[1]) if len(told) == 2 and all(side > 0 for side in told) else None
+    corners = (*root.child("size/width"), *root.child("size/height"))
+    size_px = (corners[0], corners[1]) if len(corners) == 2 and all(side > 0 for side in corners) else None
     boxes = []
     for element in root.all("object"):
         sides = [value for side in ("xmin", "ymin", "xmax", "ymax") for value in element.child(f"bndbox/{side}")]

@@ -53,8 +53,8 @@ class Compositor:
     def write(self, name: str, log: str, image: Image, hands: Sequence[HandRow], **more: object) -> None:
         """An image and its row, with further fields of it."""
         file = self.folder.image(f"images/{name}.jpg", image)
-        told = [hand.model_dump(mode="json", exclude_unset=True) for hand in hands]
-        self.folder.row("hands", {"file": file, "log": log, "hands": told, **more})
+        rows = [hand.model_dump(mode="json", exclude_unset=True) for hand in hands]
+        self.folder.row("hands", {"file": file, "log": log, "hands": rows, **more})
 
 
 NEARER = 2.5  # so much larger than to fill the image a photograph is shown, at most

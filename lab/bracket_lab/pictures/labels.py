@@ -95,9 +95,9 @@ def record(source: Source, out: Path, camera: str, bench: Bench, every: int, mos
 
 def taken_by(setup: CameraSetup, pose: Pose) -> dict[str, Any]:
     """The camera of a row as it is calibrated."""
-    told = {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
+    fields = {"position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
     lens = {name: value for name, value in asdict(setup.model).items() if not name.startswith(("width", "height"))}
-    return {"world_from_camera": told, "true_camera": {**told, **lens}}
+    return {"world_from_camera": fields, "true_camera": {**fields, **lens}}
 
 
 def fit_of(source_px: Size, wanted_px: Size) -> tuple[float, Array]:
@@ -161,9 +161,9 @@ class LabelFolder:
                 read_rows(path / f"{name}.jsonl", row, self._keep, header=f"cell.{name}")
 
     def _keep(self, row: Any) -> None:
-        told = self.labels.get(row.file, PictureLabels())
+        own = self.labels.get(row.file, PictureLabels())
         given = {name: getattr(row, name) for name in PictureLabels.model_fields if hasattr(row, name)}
-        labels = told.model_copy(update=given)
+        labels = own.model_copy(update=given)
         self.check(labels)
         self.labels[row.file] = labels
 
@@ -225,8 +225,8 @@ class LabelFolder:
         if name == "plates" and not given:
             return None
         key = {"plates": "holes", "hands": "hands", "objects": "parts"}[name]
-        told = [model.model_dump(mode="json", exclude_unset=True) for model in given]
-        return picture.model_dump(mode="json") | {key: told}
+        rows = [model.model_dump(mode="json", exclude_unset=True) for model in given]
+        return picture.model_dump(mode="json") | {key: rows}
 
 
 def _same(row: StillRow) -> StillRow:

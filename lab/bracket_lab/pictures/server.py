@@ -95,9 +95,9 @@ class LabelServer:
         labels = self._folder.labels.get(row.file)
         if labels is None:
             labels = await run_in_threadpool(lambda: self._suggester.labels(row, self._folder.image(row)))
-        told: dict[str, Any] = labels.model_dump(mode="json", exclude_unset=True)
+        data: dict[str, Any] = labels.model_dump(mode="json", exclude_unset=True)
         places = self._suggester.holes_px(row) if self._folder.camera == "overhead" else {}
-        return JSONResponse({"labels": told, "holes_px": places, "by": self._suggester.by})
+        return JSONResponse({"labels": data, "holes_px": places, "by": self._suggester.by})
 
     async def _image(self, request: Request) -> Response:
         return FileResponse(self._folder.path / self._folder.pictures[self._number(request)].file)

@@ -121,8 +121,8 @@ def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
     if not capture.isOpened():
         named = f"camera:{source}" if isinstance(source, int) else source
         raise InputError(f"{named}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
-    told, told_frames = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    rate_hz = float(told) if np.isfinite(told) and 1 <= told <= 240 else 15.0
+    fps, told_frames = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    rate_hz = float(fps) if np.isfinite(fps) and 1 <= fps <= 240 else 15.0
 
     def frames() -> Iterator[Frame]:
         number, last_s = 0, 0.0

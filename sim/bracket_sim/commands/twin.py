@@ -93,11 +93,11 @@ def fault(
 @twin_app.command()
 def report(at: SocketOption = ADDRESS, as_json: JsonOption = False) -> None:
     """Say how the assembly in a running twin stands, by the truth."""
-    told = ask(at, {"report": True})
+    answer = ask(at, {"report": True})
     if as_json:
-        print_json(told)
+        print_json(answer)
         return
-    for key, value in told.items():
+    for key, value in answer.items():
         console().print(f"{key}: {value}", highlight=False)
 
 
@@ -107,10 +107,10 @@ def behind_ros2(configuration: Configuration) -> Configuration:
     Raises:
         InputError: ROS_DOMAIN_ID is no domain.
     """
-    told = os.environ.get("ROS_DOMAIN_ID", "0")
-    if not (told.isdecimal() and int(told) <= DOMAINS):
-        raise InputError(f"ROS_DOMAIN_ID is {told!r}, must be 0 to {DOMAINS}")
-    where: dict[str, Any] = {"domain": int(told)}
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    if not (domain.isdecimal() and int(domain) <= DOMAINS):
+        raise InputError(f"ROS_DOMAIN_ID is {domain!r}, must be 0 to {DOMAINS}")
+    where: dict[str, Any] = {"domain": int(domain)}
     made: dict[str, Any] = {"arm": Ros2ArmSettings(**where), "gripper": Ros2GripperSettings(**where)}
     for role in ("overhead", "wrist"):
         topics: dict[str, Any] = {name: f"/{role}/{topic}" for name, topic in CAMERA.items()}

@@ -385,15 +385,15 @@ class SimGripper:
 
     def state(self) -> GripperState:
         """As the registers are now; raises DeviceFault on a major fault."""
-        told = self._node.registers()
-        fault = int(told["gFLT"])
+        regs = self._node.registers()
+        fault = int(regs["gFLT"])
         if fault >= MAJOR_FAULT:
             raise DeviceFault("gripper", f"fault 0x{fault:02X}")
-        active = told["gSTA"] == Activation.ACTIVE
+        active = regs["gSTA"] == Activation.ACTIVE
         node_state: NodeName = "operational" if active else "pre_operational"
-        status, opening_m = ObjectStatus(int(told["gOBJ"])), told["gPO"] / 1000
+        status, opening_m = ObjectStatus(int(regs["gOBJ"])), regs["gPO"] / 1000
         kpa = self._node.vacuum_kpa
-        return GripperState(told["time_s"], active, status, opening_m, told["gCU"], fault, node_state, vacuum_kpa=kpa)
+        return GripperState(regs["time_s"], active, status, opening_m, regs["gCU"], fault, node_state, vacuum_kpa=kpa)
 
     def activate(self) -> None:
         """Begin activation, a full open and close."""

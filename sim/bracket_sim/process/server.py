@@ -299,8 +299,8 @@ class WorldServer:
                 return None
             newest, self._told[name] = ready[-1], ready[-1].sequence
             time_s = self._wall_s(newest.time_s)
-            told = newest.camera, newest.sequence, time_s
-            return Frame(*told, newest.image, newest.world_from_camera, depth_mm=newest.depth_mm)
+            stamp = newest.camera, newest.sequence, time_s
+            return Frame(*stamp, newest.image, newest.world_from_camera, depth_mm=newest.depth_mm)
         except CellError as error:
             faults[name] = Failure.of(error)
             return None

@@ -60,14 +60,14 @@ class Stereo:
         window = np.ones((2 * FATTENED_PX + 1,) * 2, np.uint8)
         near = np.asarray(cv2.erode(seen, window), np.float32)
         error = near**2 * DISPARITY_PX / (FOCAL_PX * BASELINE_M)
-        told = near * self._scale + error * self._smooth(near.shape, WINDOW_PX / 2)
+        depth = near * self._scale + error * self._smooth(near.shape, WINDOW_PX / 2)
         blobs = self._smooth(near.shape, LOST_PX)
-        lost = (blobs > LOST_FROM) | self._one_eyed(seen) | (told > FARTHEST_M) | (told < NEAREST_M)
+        lost = (blobs > LOST_FROM) | self._one_eyed(seen) | (depth > FARTHEST_M) | (depth < NEAREST_M)
         if weak is not None:
             steps = cv2.morphologyEx(seen, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
             weak = self._lens.bend_nearest(weak.astype(np.float32)).astype(bool) | (steps > EDGE_M)
             lost |= weak & (self._smooth(near.shape, LOST_PX) < NormalDist().inv_cdf(self._holes))
-        millimetres = np.where(lost, 0.0, np.rint(1e3 * told)).astype(np.uint16)
+        millimetres = np.where(lost, 0.0, np.rint(1e3 * depth)).astype(np.uint16)
         millimetres.setflags(write=False)
         return millimetres
 
@@ -215,8 +215,8 @@ class Photographer:
             seen = exposure.camera, sensor.width_px, sensor.height_px
             weak = self._studio.unmatched(*seen) | (clean.min(axis=2) >= GLARE) if stereo.loses_things else None
             depth_mm = stereo.spoil(self._studio.depths_m(*seen), weak)
-        told = exposure.camera, exposure.sequence, exposure.time_s
-        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
+        stamp = exposure.camera, exposure.sequence, exposure.time_s
+        return Frame(*stamp, image, exposure.world_from_camera, depth_mm=depth_mm)
 
     def _gathered(self, exposure: Exposure, sensor: Sensor) -> Image:
         """What the sensor gathers until the shutter closes; where nothing moves, one moment is as good as all."""

@@ -211,13 +211,13 @@ def _checked(ends: Sequence[Any]) -> list[LookFile]:
             made.append(LookFile.model_validate(end))
         except ValidationError as error:
             for typed_dict_type in error.errors(include_url=False):
-                told = InitErrorDetails(
+                details = InitErrorDetails(
                     type=typed_dict_type["type"],
                     loc=typed_dict_type["loc"],
                     input=typed_dict_type["input"],
                     ctx=typed_dict_type.get("ctx", {}),
                 )
-                problems.setdefault((typed_dict_type["loc"], typed_dict_type["type"]), told)
+                problems.setdefault((typed_dict_type["loc"], typed_dict_type["type"]), details)
     if problems:
         raise ValidationError.from_exception_data("look", list(problems.values()))
     return made

@@ -106,9 +106,9 @@ class GroundTruthPerception:
         image = self._image(exposure.sequence)
         if exposure.camera == "wrist":
             _mark(image, self._parts[exposure.sequence])
-        told = exposure.camera, exposure.sequence, exposure.time_s
+        stamp = exposure.camera, exposure.sequence, exposure.time_s
         depth_mm = self._still.depth_mm if exposure.camera == "overhead" else None
-        return Frame(*told, image, exposure.world_from_camera, depth_mm=depth_mm)
+        return Frame(*stamp, image, exposure.world_from_camera, depth_mm=depth_mm)
 
     def _image(self, sequence: int) -> NDArray[np.uint8]:
         """The still one, with other noise in each frame."""

@@ -81,14 +81,14 @@ class Registers:
     def status(self) -> bytes:
         """As it is now."""
         with self._lock:
-            told = self._fingers.registers()
+            registers = self._fingers.registers()
         asked = self._command[3]
-        position = round(CLOSED_COUNT + told["gPO"] / self._stroke_mm * (OPEN_COUNT - CLOSED_COUNT))
-        met = int(told["gOBJ"])
+        position = round(CLOSED_COUNT + registers["gPO"] / self._stroke_mm * (OPEN_COUNT - CLOSED_COUNT))
+        met = int(registers["gOBJ"])
         if met == AT_POSITION and asked > position + 1:  # the fingers met each other before they were where they go
             met = CONTACT_CLOSING
-        first = int(told["gACT"]) | int(told["gGTO"]) << 3 | int(told["gSTA"]) << 4 | met << 6
-        return bytes((first, 0, int(told["gFLT"]), asked, position, min(255, round(100 * told["gCU"]))))
+        first = int(registers["gACT"]) | int(registers["gGTO"]) << 3 | int(registers["gSTA"]) << 4 | met << 6
+        return bytes((first, 0, int(registers["gFLT"]), asked, position, min(255, round(100 * registers["gCU"]))))
 
     def power(self, on: bool) -> None:
         """Take its power away, or give it back."""
@@ -139,9 +139,9 @@ class ModbusTwin:
 
     async def async_getValues(self, _device: int, _function: int, at: int, count: int) -> list[int]:
         """Registers, as pymodbus asks for them; those that there are not read 0."""
-        told = self._registers.status() if at >= STATUS_REGISTER else self._registers.command
+        source = self._registers.status() if at >= STATUS_REGISTER else self._registers.command
         first = 2 * (at - (STATUS_REGISTER if at >= STATUS_REGISTER else COMMAND_REGISTER))
-        data = (told + bytes(LONGEST))[max(first, 0) :]
+        data = (source + bytes(LONGEST))[max(first, 0) :]
         return [int.from_bytes(data[2 * number : 2 * number + 2], "big") for number in range(count)]
 
     async def async_setValues(self, _device: int, _function: int, at: int, values: list[int]) -> None:
@@ -191,14 +191,14 @@ class UrcapTwin(Port):
     """
 
     FIELDS: Mapping[str, Callable[[bytes], int]] = {
-        "ACT": lambda told: told[0] & 1,
-        "GTO": lambda told: told[0] >> 3 & 1,
-        "STA": lambda told: told[0] >> 4 & 3,
-        "OBJ": lambda told: told[0] >> 6,
-        "FLT": lambda told: told[2],
-        "PRE": lambda told: told[3],
-        "POS": lambda told: told[4],
-        "COU": lambda told: told[5],
+        "ACT": lambda status: status[0] & 1,
+        "GTO": lambda status: status[0] >> 3 & 1,
+        "STA": lambda status: status[0] >> 4 & 3,
+        "OBJ": lambda status: status[0] >> 6,
+        "FLT": lambda status: status[2],
+        "PRE": lambda status: status[3],
+        "POS": lambda status: status[4],
+        "COU": lambda status: status[5],
     }
     PLACES: Mapping[str, int] = {"POS": 3, "SPE": 4, "FOR": 5}
 

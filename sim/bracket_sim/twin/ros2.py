@@ -292,8 +292,8 @@ class RosGripper:
             self._write(rACT=0.0, rGTO=0.0)
             self._write(rACT=1.0)
             self._activating.append(asked)
-        told = self._node.registers()
-        if told["gSTA"] == ACTIVE:
+        registers = self._node.registers()
+        if registers["gSTA"] == ACTIVE:
             for asked in self._activating:
                 self._activation.reply(asked, success=True, message="")
             self._activating.clear()
@@ -301,15 +301,15 @@ class RosGripper:
         self._finish(self._node.registers())
         if time_s >= self._due_s:
             self._due_s = time_s + GRIPPER_S
-            at = CLOSED_AT + told["gPO"] / self._stroke_mm * (OPEN_AT - CLOSED_AT)
+            at = CLOSED_AT + registers["gPO"] / self._stroke_mm * (OPEN_AT - CLOSED_AT)
             names = [str(self._settings["joint"])]
             self._joints.write(message(JOINTS)(self._clock.header(time_s), names, [at], [0.0], [0.0]))
 
-    def _finish(self, told: Mapping[str, float]) -> None:
-        if not self._action.active or told["gOBJ"] == MOVING:
+    def _finish(self, registers: Mapping[str, float]) -> None:
+        if not self._action.active or registers["gOBJ"] == MOVING:
             return
-        stalled = told["gOBJ"] != AT_POSITION
-        result = message(f"{GRIP}_Result")(told["gPO"] / 1e3, self._registers["rFR"], stalled, not stalled)
+        stalled = registers["gOBJ"] != AT_POSITION
+        result = message(f"{GRIP}_Result")(registers["gPO"] / 1e3, self._registers["rFR"], stalled, not stalled)
         self._action.end(Status.SUCCEEDED, result)
 
 

@@ -77,11 +77,11 @@ class TrainedActionDetector:
 
     def _finished(self, placed: Placement) -> Action:
         part, position = self._classes.parts[placed.part], self._classes.positions[placed.position]
-        told = {
+        fields = {
             f"{name} at {position}": share for name, share in zip(self._classes.parts, placed.posterior, strict=True)
         }
         sure = placed.posterior[placed.part]
-        return Action("assembly", sure, part, position, finished=True, posterior=told, shown=placed.shown)
+        return Action("assembly", sure, part, position, finished=True, posterior=fields, shown=placed.shown)
 
     def _told(self, posterior: Floats) -> dict[str, float]:
         shares = zip(self._classes.names, posterior, strict=True)

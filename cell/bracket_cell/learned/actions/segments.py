@@ -70,15 +70,15 @@ class SegmentReader:
         """Inputs of the last SEGMENT_FRAMES frames; a shorter segment counts as if nothing was seen before."""
         missing = SEGMENT_FRAMES - len(segment.hands)
         hands: list[HandSample | None] = [*([None] * missing), *segment.hands]
-        told = points([segment.before, *hands])
-        at_hole = last_at_hole(told[1:, TIPS], self.holes_m)
+        shape = points([segment.before, *hands])
+        at_hole = last_at_hole(shape[1:, TIPS], self.holes_m)
         crops = np.zeros((2, CROP_PX, CROP_PX, 3), np.uint8)
         for crop, index in zip(crops, (SEGMENT_FRAMES - 1, at_hole), strict=True):
             hand = None if index is None else hands[index]
             if index is not None and hand is not None:
                 crop[:] = middle(self._window(segment.frames[index - missing], hand))
         before_s = math.inf if segment.before is None else segment.frames[0].time_s - segment.before.time_s
-        return Inputs(self.track(told, before_s, at_hole), crops, at_hole)
+        return Inputs(self.track(shape, before_s, at_hole), crops, at_hole)
 
     def frames(self, segment: Segment) -> Images:
         """Every third whole frame (k, 60, 80, 3), made small; a shorter segment counts as if it had stood still."""

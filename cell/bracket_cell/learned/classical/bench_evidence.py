@@ -261,8 +261,8 @@ class SceneConsistency:
             min(self._wrong_s + step_s, 2 * SCENE.lasts_s) if wrong else max(0.0, self._wrong_s - step_s / 2)
         )
         self._wrong = wrong or self._wrong
-        told = self._wrong if self._wrong_s >= SCENE.lasts_s else ""
-        self.unexplained, self.unseen = (told, "") if told in (NO_HAND, RISES) else ("", told)
+        reason = self._wrong if self._wrong_s >= SCENE.lasts_s else ""
+        self.unexplained, self.unseen = (reason, "") if reason in (NO_HAND, RISES) else ("", reason)
 
     def _arms(self, hands: Sequence[HandSample], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Hands in a small image with their arms, from the person's edge or the one that a forearm points at."""

@@ -109,18 +109,18 @@ class Refinement:
         cuts = np.stack([closeup.cut(patch) for closeup, patch in zip(closeups, patches, strict=True)])
         ways = [self._regions.from_middle(reading.centre_px) for _, reading, _ in sized]
         places = np.array([closeup.aligned(way) for closeup, way in zip(closeups, ways, strict=True)], np.float32)
-        told = self._network.run({"closeup": planes(cuts), "place": places})
+        output = self._network.run({"closeup": planes(cuts), "place": places})
         answer = list(readings)
         for row, (index, reading, size) in enumerate(sized):
-            error = float(told["error"][row])
+            error = float(output["error"][row])
             if error >= UNCLEAR:
                 answer[index] = replace(reading, confidence=min(reading.confidence, DOUBTED))
                 continue
-            points = self._in_image(closeups[row].outside(told["points"][row].astype(float)), reading.centre_px)
+            points = self._in_image(closeups[row].outside(output["points"][row].astype(float)), reading.centre_px)
             answer[index] = replace(
                 reading,
                 points_px={**reading.points_px, **dict(zip(REFINED, points, strict=True))},
-                size=ApparentSize(size.log_angle + float(told["log_ratio"][row]), error, size.height_errors_m),
+                size=ApparentSize(size.log_angle + float(output["log_ratio"][row]), error, size.height_errors_m),
             )
         return answer
 

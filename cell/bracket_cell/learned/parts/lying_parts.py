@@ -45,10 +45,10 @@ class LyingPartResolver:
         Args:
             fitted: how a thing lies is fitted; not where it may stand, as the detector knows nothing that stands.
         """
-        told = [detection for detection in found if detection.upright and detection.part in self._product.parts]
-        fallen = [(detection, fit) for detection in told if (fit := self._fallen(frame, detection, found)) is not None]
-        standing = tuple(detection for detection in told if all(detection is not other for other, _ in fallen))
-        rest = [detection for detection in found if detection not in told and detection.confidence >= MIN_CONFIDENCE]
+        typed = [detection for detection in found if detection.upright and detection.part in self._product.parts]
+        fallen = [(detection, fit) for detection in typed if (fit := self._fallen(frame, detection, found)) is not None]
+        standing = tuple(detection for detection in typed if all(detection is not other for other, _ in fallen))
+        rest = [detection for detection in found if detection not in typed and detection.confidence >= MIN_CONFIDENCE]
         exact = [self._exact(detection, fit.part, fit.world_from_part) for detection, fit in fallen]
         rough: list[PartDetection] = []
         for part_detection in sorted(rest, key=lambda detection: (not detection.lies_on, -detection.confidence)):

@@ -144,7 +144,7 @@ class PosedPartDetector(ABC):
         frame = replace(frame, image=levelled(frame.image))
         peaks, features = self._peaks(frame.image)
         found = self._placed(frame, [self._scaled(peak) for peak in peaks])
-        below, told = self._below(frame, found)
+        below, stacked = self._below(frame, found)
         sure = [at for at, on in zip(found, below, strict=True) if not on and at.peak.score > LEAST_GRASPED]
         standing = self._refined(frame, [stance for seen in sure for stance in seen.standing])
         answers = [self._standing(frame, stance, features) for stance in standing]
@@ -158,7 +158,7 @@ class PosedPartDetector(ABC):
         box_of = [exact.get(id(candidate.peak), _box(candidate.peak.box_px)) for candidate in found]
         for index in rest:
             on = tuple(box_of[lower] for lower in below[index])
-            lies = self._lies(found[index].peak, told[index], raised=bool(on))
+            lies = self._lies(found[index].peak, stacked[index], raised=bool(on))
             answers.append(replace(self._other(found[index], features), lies=lies, lies_on=on))
         return tuple(detection for detection in answers if self._near_tray(detection))
 
@@ -167,7 +167,7 @@ class PosedPartDetector(ABC):
 
         Only what meets others or does not stand is looked at: that may hide what it lies on.
         """
-        boxes, told = [seen.peak.box_px for seen in found], [NOTHING_TOLD] * len(found)
+        boxes, stacked = [seen.peak.box_px for seen in found], [NOTHING_TOLD] * len(found)
         fallen = {index for index, seen in enumerate(found) if seen.peak.upright < LEAST_STANDING}
         looked_at = sorted(fallen.union(meeting(boxes)))
         if self._stacks is not None and looked_at:
@@ -177,17 +177,17 @@ class PosedPartDetector(ABC):
             answers = self._stacks.read(frame, self._bench.wrist.model, kinds, places, yaws)
             for index, answer in zip(looked_at, answers, strict=True):
                 stands = found[index].peak.upright >= LEAST_STANDING
-                told[index] = replace(answer, on_top=0.0) if stands else answer
-        return carriers(told, boxes), told
+                stacked[index] = replace(answer, on_top=0.0) if stands else answer
+        return carriers(stacked, boxes), stacked
 
-    def _lies(self, peak: Peak, told: Told, *, raised: bool) -> Pose | None:
+    def _lies(self, peak: Peak, stacked: Told, *, raised: bool) -> Pose | None:
         """How a thing lies as far as that is told: on the floor, where it is told to lie on nothing."""
         kind = self._kind_of(peak)
-        if kind is None or told.lies is None or raised or told.on_top >= LEAST_RAISED:
-            return told.lies
-        x, y, z = told.lies.position_m
-        over_m = over_floor_m(kind, told.lies, self._bench.tray.centre_m[2])
-        return Pose((x, y, z - over_m), told.lies.quaternion_wxyz)
+        if kind is None or stacked.lies is None or raised or stacked.on_top >= LEAST_RAISED:
+            return stacked.lies
+        x, y, z = stacked.lies.position_m
+        over_m = over_floor_m(kind, stacked.lies, self._bench.tray.centre_m[2])
+        return Pose((x, y, z - over_m), stacked.lies.quaternion_wxyz)
 
     def _looks_down(self, world_from_camera: Pose) -> bool:
         """Whether all of the tray is before the camera."""

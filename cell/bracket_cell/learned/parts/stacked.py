@@ -83,30 +83,30 @@ class StackReader:
         answer = self._network.run(
             {"crops": stack_crops(frame.image, camera, frame.world_from_camera, places_m, yaws_rad)}
         )
-        told = []
+        found = []
         for number, (kind, place, yaw) in enumerate(zip(kinds, places_m, yaws_rad, strict=True)):
             on_top, carrying = (float(p) for p in 1.0 / (1.0 + np.exp(-answer["stacked"][number].astype(float))))
             known = kind < len(self._kinds)
             lies = lying_pose(answer["lies"][number, kind], place, yaw, self._kinds[kind]) if known else None
-            told.append(Told(on_top, carrying, lies))
-        return told
+            found.append(Told(on_top, carrying, lies))
+        return found
 
 
-def carriers(told: Sequence[Told], boxes_px: Sequence[Array]) -> list[tuple[int, ...]]:
+def carriers(seen: Sequence[Told], boxes_px: Sequence[Array]) -> list[tuple[int, ...]]:
     """For each thing the numbers of those that it lies on; none where it lies on the floor.
 
     What lies on top has part of its box in common with what carries it: with all that seem to carry something, or with
     the one that does so most probably.
     """
     found: list[tuple[int, ...]] = []
-    for b, upper in enumerate(told):
-        below = [a for a in range(len(told)) if a != b and _may_carry(boxes_px[a], boxes_px[b])]
+    for b, upper in enumerate(seen):
+        below = [a for a in range(len(seen)) if a != b and _may_carry(boxes_px[a], boxes_px[b])]
         if upper.on_top < LEAST_ON_TOP or not below:
             found.append(())
             continue
-        likely = max(below, key=lambda a: told[a].carrying)
-        found.append(tuple(a for a in below if a == likely or told[a].carrying >= LEAST_CARRYING))
-    return [tuple(a for a in on if b not in found[a] or told[b].on_top > told[a].on_top) for b, on in enumerate(found)]
+        likely = max(below, key=lambda a: seen[a].carrying)
+        found.append(tuple(a for a in below if a == likely or seen[a].carrying >= LEAST_CARRYING))
+    return [tuple(a for a in on if b not in found[a] or seen[b].on_top > seen[a].on_top) for b, on in enumerate(found)]
 
 
 def meeting(boxes_px: Sequence[Array]) -> list[int]:

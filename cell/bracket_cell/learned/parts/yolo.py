@@ -95,14 +95,14 @@ def names_of(boxes: ForeignModel, usual: tuple[str, ...]) -> tuple[str, ...]:
     if text is None:
         return usual
     try:
-        told = ast.literal_eval(text)
+        names = ast.literal_eval(text)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
-        told = None
-    if isinstance(told, Mapping) and all(isinstance(number, int) for number in told):
-        told = [told.get(number, "") for number in range(max(told, default=-1) + 1)]
-    if not isinstance(told, list | tuple) or not told:
+        names = None
+    if isinstance(names, Mapping) and all(isinstance(number, int) for number in names):
+        names = [names.get(number, "") for number in range(max(names, default=-1) + 1)]
+    if not isinstance(names, list | tuple) or not names:
         raise ModelError(f"{boxes.path}: its `names` are no list of classes: {text[:80]}")
-    return tuple(str(name) for name in told)
+    return tuple(str(name) for name in names)
 
 
 def letterboxed(image: NDArray[np.uint8], size_px: tuple[int, int]) -> tuple[Rows, float, Rows]:
@@ -127,9 +127,9 @@ def read_boxes(
     """
     answer = next(iter(answers.values()))
     if {"logits", "pred_boxes"} <= set(answers):
-        told, odds = answers["pred_boxes"], answers["logits"].clip(-50, 50)
-        fits = told.shape == (1, odds.shape[1], 4) and odds.shape[2] == classes
-        answer = np.concatenate([told, 1 / (1 + np.exp(-odds))], axis=2) if fits else odds
+        boxes, odds = answers["pred_boxes"], answers["logits"].clip(-50, 50)
+        fits = boxes.shape == (1, odds.shape[1], 4) and odds.shape[2] == classes
+        answer = np.concatenate([boxes, 1 / (1 + np.exp(-odds))], axis=2) if fits else odds
     rows = answer[0] if answer.ndim == 3 and len(answer) == 1 else np.empty((0, 0), np.float32)
     if rows.shape[1] == 4 + classes and rows[:, :4].max(initial=0.0) <= MOST_SHARE:
         rows = np.hstack([rows[:, :4] * np.tile(np.array(size_px, np.float32), 2), rows[:, 4:]])

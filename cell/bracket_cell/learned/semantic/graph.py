@@ -113,8 +113,8 @@ class Layout:
     def doubted(self, state: AssemblyState) -> Floats:
         """Edges (n, m) in which a position whose part is in doubt has the shares of the types that it may be."""
         edges = self.encode(state)
-        for position, told in state.doubts.items():
-            shares = np.array([max(0.0, told.get(part, 0.0)) for part in self.parts], np.float32)
+        for position, posterior in state.doubts.items():
+            shares = np.array([max(0.0, posterior.get(part, 0.0)) for part in self.parts], np.float32)
             if position in state.placed and 0 < shares.sum() < np.inf:
                 edges[:, self.positions.index(position)] = shares / shares.sum()
         return edges

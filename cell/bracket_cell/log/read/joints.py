@@ -16,8 +16,8 @@ def joint_names(log: Log) -> tuple[str, ...]:
     Raises:
         LogError: its message is damaged.
     """
-    told = next((message for message in log.messages if message.topic == JOINT_STATES), None)
-    if told is not None:
-        return tuple(joint.name for joint in decoded(log.path, told, messages.JointStates).joints)
+    first = next((message for message in log.messages if message.topic == JOINT_STATES), None)
+    if first is not None:
+        return tuple(joint.name for joint in decoded(log.path, first, messages.JointStates).joints)
     count = len(log.ticks[0].observation.arm.positions_rad) if log.ticks else 0
     return tuple(f"joint_{number}" for number in range(1, count + 1))

@@ -123,7 +123,7 @@ class LogStream:
     def __iter__(self) -> Iterator[LogChunk]:
         """Raises LogError where a file cannot be read, is no log of a run, is damaged or lacks a message inside."""
         first = last = None
-        told: list[str] = []
+        remarks: list[str] = []
         inputs = digest.InputDigest()
         ticks = TickBuilder(self.path, any(LOSSY & metadata_of(path).keys() for path in self.parts))
         for part in _parts(self.parts):
@@ -133,7 +133,7 @@ class LogStream:
                 ticks.begin(0 if part.number <= 1 and not part.content.cropped else None)
                 ticks.lossy |= bool(part.content.cropped)
             else:
-                told += _broken_off(last, ticks)
+                remarks += _broken_off(last, ticks)
             ticks.lossy |= bool(LOSSY & part.content.metadata.keys())
             chunk = self._chunk(part, ticks, inputs)
             part.content.messages = []
@@ -143,7 +143,7 @@ class LogStream:
         assert last is not None
         self.outcome = last.content.metadata.get("outcome", {})
         self.result = last.content.metadata.get("result", {})
-        self.unfinished = "; ".join([*told, *_missing(first, last, ticks)])
+        self.unfinished = "; ".join([*remarks, *_missing(first, last, ticks)])
         self.gaps = tuple(ticks.gaps)
         recorded = self.outcome.get(digest.NAME)
         known = recorded is not None and not self.unfinished and self._first_tick == 0
@@ -270,20 +270,20 @@ def _broken_off(part: _Part, ticks: TickBuilder) -> list[str]:
 
 
 def _missing(first: _Part, last: _Part, ticks: TickBuilder) -> list[str]:
-    told = [str(gap) for gap in ticks.gaps]
+    remarks = [str(gap) for gap in ticks.gaps]
     if cropped := first.content.cropped:
-        told.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
+        remarks.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
     counted = last.content.metadata.get("outcome", {}).get("ticks", "")
     if ticks.last is not None and ticks.last + 1 < (_whole(counted) or 0):
-        told.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.last}")
+        remarks.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.last}")
     if ticks.blind:
-        told.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
+        remarks.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
     if last.content.unfinished:
-        told.append(last.content.unfinished)
+        remarks.append(last.content.unfinished)
     elif "outcome" not in last.content.metadata:
-        told.append("the run's end is not in it")
+        remarks.append("the run's end is not in it")
     if ticks.pending is not None:
-        if not told:
+        if not remarks:
             raise LogError(last.path, f"tick {ticks.pending} is not whole")
-        told.append(f"tick {ticks.pending} is not whole and left out")
-    return told
+        remarks.append(f"tick {ticks.pending} is not whole and left out")
+    return remarks

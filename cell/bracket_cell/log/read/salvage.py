@@ -45,17 +45,17 @@ class Loss:
 
     def lines(self) -> list[str]:
         """What was lost, for people."""
-        told = list(self.remarks)
+        lines = list(self.remarks)
         if self.unclosed:
-            told.append("the log was not closed: what came after its last record is unknown")
+            lines.append("the log was not closed: what came after its last record is unknown")
         if self.unchecked:
-            told.append("the checksum of the whole does not match")
-        told += [str(gap) for gap in self.ticks_missing]
+            lines.append("the checksum of the whole does not match")
+        lines += [str(gap) for gap in self.ticks_missing]
         for topic, count in self.messages_missing.items():
-            told.append(
+            lines.append(
                 f"{count} messages of {topic!r} are missing" if count > 1 else f"a message of {topic!r} is missing"
             )
-        return told
+        return lines
 
     def plain(self) -> dict[str, Any]:
         """As JSON: spans as pairs."""

@@ -311,11 +311,11 @@ class McapScanner:
             opcode, body = cut(self._view, at)
             follows = at + HEAD.size + len(body)
             if opcode == Opcode.STATISTICS:
-                told = parse(opcode, body)
-                counts = told.message_count, told.attachment_count, told.metadata_count
+                record = parse(opcode, body)
+                counts = record.message_count, record.attachment_count, record.metadata_count
                 self._counted = dict(zip(self.kept, counts, strict=True))
-                if self._strict and told.message_count != self.kept["messages"]:
-                    raise Damage(f"{self.kept['messages']} of {told.message_count} messages are there")
+                if self._strict and record.message_count != self.kept["messages"]:
+                    raise Damage(f"{self.kept['messages']} of {record.message_count} messages are there")
             elif opcode == Opcode.FOOTER and self._strict:
                 checksum = parse(opcode, body).summary_crc
                 if checksum and zlib.crc32(self._view[begin : at + HEAD.size + SUMMARY_CRC_BYTES]) != checksum:

@@ -307,8 +307,8 @@ def _changed_nodes(was: Sequence[StatusChange], now: Sequence[StatusChange]) -> 
 def _by_node(changes: Sequence[StatusChange]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for change in changes:
-        told = f" ({change.feedback})" if change.feedback else ""
-        found.setdefault(change.path, []).append(f"{change.old.name} -> {change.new.name}{told}")
+        feedback = f" ({change.feedback})" if change.feedback else ""
+        found.setdefault(change.path, []).append(f"{change.old.name} -> {change.new.name}{feedback}")
     return found
 
 

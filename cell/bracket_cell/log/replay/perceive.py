@@ -66,8 +66,8 @@ def perceived(log: Log, configuration: Configuration, product: Product, chosen: 
         ticks.append(
             replace(tick, observation=replace(was, bench=again("overhead", was.bench), parts=again("wrist", was.parts)))
         )
-    told = f"{len(lacking)} answers are those of the recording, as their images are not in the log" if lacking else ""
-    return replace(log, ticks=tuple(ticks)), told
+    remark = f"{len(lacking)} answers are those of the recording, as their images are not in the log" if lacking else ""
+    return replace(log, ticks=tuple(ticks)), remark
 
 
 def _chosen(perception: Perception, chosen: str) -> Perception:
@@ -107,8 +107,8 @@ def _poses(log: Log, camera: str) -> list[tuple[int, Pose]]:
     topic, found = FRAME_OF_CAMERA.format(camera), []
     for message in log.messages:
         if message.topic == topic:
-            told = decoded(log.path, message, messages.FrameTransform)
-            at, turn = told.translation, told.rotation
+            transform = decoded(log.path, message, messages.FrameTransform)
+            at, turn = transform.translation, transform.rotation
             found.append((message.time_ns, Pose((at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))))
     return found
 

@@ -72,8 +72,8 @@ class RecordedArm(_Recorded):
 
     def state(self) -> ArmState:
         """As it was."""
-        told = self._seen().arm
-        return replace(told, time_s=told.time_s + self._later_s)
+        arm = self._seen().arm
+        return replace(arm, time_s=arm.time_s + self._later_s)
 
     def follow(self, _: JointTrajectory) -> JointTrajectory:
         """Raises DeviceFault: it moves as it did."""
@@ -109,8 +109,8 @@ class RecordedGripper(_Recorded):
 
     def state(self) -> GripperState:
         """As it was."""
-        told = self._seen().gripper
-        return replace(told, time_s=told.time_s + self._later_s)
+        gripper = self._seen().gripper
+        return replace(gripper, time_s=gripper.time_s + self._later_s)
 
     def activate(self) -> None:
         """Raises DeviceFault, as `command`."""

@@ -109,8 +109,8 @@ class Replay:
         self.names = self._named()
         self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]
         if self.changes.perception is not None and log is self.recorded:
-            self.log, told = perceived(log, configuration, product, self.changes.perception)
-            self.remarks += [told] if told else []
+            self.log, remark = perceived(log, configuration, product, self.changes.perception)
+            self.remarks += [remark] if remark else []
             log, before = self.log, self.log.ticks[max(0, place - 1)]
         motion = MotionPlanner(product, configuration.bench, configuration.motion)
         self._supervisor = make_supervisor(faults, motion)

@@ -147,8 +147,8 @@ def _csv(log: Log, path: Path) -> int:
 def _parquet(log: Log, rows: list[dict[str, Any]], path: Path) -> int:
     """A table with what the log says of its run as metadata."""
     arrow, parquet = (needed(name, "Parquet (--to csv does not)", "parquet") for name in ("pyarrow", "pyarrow.parquet"))
-    told = {**log.metadata, **{f"outcome.{name}": value for name, value in log.outcome.items()}}
-    parquet.write_table(arrow.Table.from_pylist(rows).replace_schema_metadata(told), str(path))
+    facts = {**log.metadata, **{f"outcome.{name}": value for name, value in log.outcome.items()}}
+    parquet.write_table(arrow.Table.from_pylist(rows).replace_schema_metadata(facts), str(path))
     return len(rows)
 
 
@@ -159,10 +159,10 @@ def _candump(log: Log, path: Path) -> int:
     try:
         for message in log.messages:
             if message.topic == "/can":
-                told = json.loads(message.data)
-                data, at_s = bytes.fromhex(told["data_hex"]), began_s + message.time_ns / 1e9
-                received, long = not told["sent"], told["id"] > STANDARD_ID
-                writer(can.Message(at_s, told["id"], is_extended_id=long, data=data, is_rx=received, check=True))
+                fields = json.loads(message.data)
+                data, at_s = bytes.fromhex(fields["data_hex"]), began_s + message.time_ns / 1e9
+                received, long = not fields["sent"], fields["id"] > STANDARD_ID
+                writer(can.Message(at_s, fields["id"], is_extended_id=long, data=data, is_rx=received, check=True))
                 count += 1
     finally:
         writer.stop()

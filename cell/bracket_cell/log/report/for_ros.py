@@ -70,8 +70,8 @@ def _all(log: Log) -> Iterator[Sent]:
         at_ns, topic = start_ns + logged.time_ns, logged.topic
         if topic.startswith("/tf/"):
             kind: Any = messages.FrameTransform if topic.startswith("/tf/camera_") else messages.FrameTransforms
-            told = decoded(log.path, logged, kind)
-            frames = [told] if kind is messages.FrameTransform else told.transforms
+            data = decoded(log.path, logged, kind)
+            frames = [data] if kind is messages.FrameTransform else data.transforms
             once = told_n[topic] <= max(1, len(log.parts)) < len(log.ticks)  # in each part: it stays
             yield at_ns, STATIC if once else MOVED, moved(at_ns, frames)
         elif topic.startswith("/scene/"):

@@ -39,7 +39,7 @@ def why_of(log: Log | LogStream) -> dict[str, Any] | None:
     Raises:
         LogError: it does not hold what it should.
     """
-    return json_of(log.path, log.outcome, "why", lambda told: {**{name: told[name] for name in OF_REASON}, **told})
+    return json_of(log.path, log.outcome, "why", lambda row: {**{name: row[name] for name in OF_REASON}, **row})
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def info(log: Log | LogStream) -> dict[str, Any]:
         "unfinished": log.unfinished,
         "inputs_altered": log.altered,
         "outcome": {**log.outcome, **({"why": why} if (why := why_of(log)) else {})},
-        "result": {name: json_of(log.path, log.result, name, lambda told: told) for name in log.result},
+        "result": {name: json_of(log.path, log.result, name, lambda value: value) for name in log.result},
         "metadata": dict(log.metadata),
         "attachments": {name: len(content) for name, content in log.attachments.items()},
         "topics": {topic: {"messages": counts[topic], "bytes": sizes[topic]} for topic in sorted(counts)},
@@ -105,8 +105,8 @@ def ticks(
     late: list[dict[str, Any]] = []
     for tick in (tick for piece in log for tick in piece.ticks):
         notes = [{"topic": topic, **fields} for topic, fields in tick.notes if topic != WHY]
-        told = any(note["topic"] != CAUSE for note in notes) or tick.command or tick.display or tick.status != "RUNNING"
-        if not (from_s <= tick.time_s <= until_s and (told or all_ticks)):
+        acts = any(note["topic"] != CAUSE for note in notes) or tick.command or tick.display or tick.status != "RUNNING"
+        if not (from_s <= tick.time_s <= until_s and (acts or all_ticks)):
             continue
         shown = {
             "tick": tick.number,

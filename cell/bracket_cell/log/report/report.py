@@ -213,23 +213,23 @@ class _Told:
             ("alarms", str(alarms), "bad" if alarms else "good"),
         ]
         sizes = {"axis": self.axis, "width": WIDTH, "labels": LABELS, "narrowest": NARROWEST_PX}
-        told = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles, "asked": self._asked}
-        return rendered(TEMPLATE, **sizes, **told, **values)
+        data = {"log": self._log, "why": why_of(self._log), "shift": self._shift, "tiles": tiles, "asked": self._asked}
+        return rendered(TEMPLATE, **sizes, **data, **values)
 
 
 def _split(result: Mapping[str, str]) -> Iterator[Tile]:
     """Where the time went, of logs that say so: who acted, and what the arm lost beside the person."""
-    told = {name: json.loads(value) for name, value in result.items() if name in SPLIT}
-    if any(told.get(name) is None for name in SPLIT):
+    sums = {name: json.loads(value) for name, value in result.items() if name in SPLIT}
+    if any(sums.get(name) is None for name in SPLIT):
         return
-    both, alone = told["concurrent"], (1 - told["robot_idle"], 1 - told["human_idle"])
+    both, alone = sums["concurrent"], (1 - sums["robot_idle"], 1 - sums["human_idle"])
     shares = (alone[0] - both, both, alone[1] - both, 1 - sum(alone) + both)
     yield "robot / both / person / nobody acts", " / ".join(f"{max(share, 0.0):.0%}" for share in shares), ""
-    lost = f"{told['held_s']:.1f} / {told['slowed_s']:.1f} s, {told['lost_alone_s']:.1f} s of it while the person rests"
+    lost = f"{sums['held_s']:.1f} / {sums['slowed_s']:.1f} s, {sums['lost_alone_s']:.1f} s of it while the person rests"
     yield "arm held / slowed", lost, ""
 
 
 def _spans(parts: Sequence[Path]) -> list[tuple[float, float, Path]]:
     """(from, until, file) of the parts that say so [s]."""
     found = [(part, told) for part in parts if (told := statistics(part)) is not None]
-    return [(told.message_start_time / 1e9, told.message_end_time / 1e9, part) for part, told in found]
+    return [(info.message_start_time / 1e9, info.message_end_time / 1e9, part) for part, info in found]

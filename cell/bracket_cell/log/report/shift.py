@@ -141,9 +141,9 @@ def shift_from(
 
 def _row(facts: Mapping[str, str]) -> RunRow:
     try:
-        told = json.loads(facts.get("production", "{}"))
-        ideal_s = {str(name): float(time_s) for name, time_s in told.get("ideal_cycle_s", {}).items()}
-        planned_s = told.get("planned_day_s")
+        counts = json.loads(facts.get("production", "{}"))
+        ideal_s = {str(name): float(time_s) for name, time_s in counts.get("ideal_cycle_s", {}).items()}
+        planned_s = counts.get("planned_day_s")
         planned_day_s = None if planned_s is None else float(planned_s)
     except (ValueError, TypeError, AttributeError):  # a log of a stranger
         ideal_s, planned_day_s = {}, None
@@ -153,7 +153,7 @@ def _row(facts: Mapping[str, str]) -> RunRow:
 
 def _list(text: str) -> list[Any]:
     try:
-        told = json.loads(text or "[]")
+        rows = json.loads(text or "[]")
     except ValueError:
         return []
-    return told if isinstance(told, list) else []
+    return rows if isinstance(rows, list) else []

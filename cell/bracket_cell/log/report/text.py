@@ -32,16 +32,16 @@ def entry_text(entry: Mapping[str, Any], longest: int = LONGEST_TEXT) -> str:
     head = f"{entry['time_s']:8.2f} s  "
     if "topic" in entry:
         fields = {key: value for key, value in entry.items() if key not in ("topic", "time_s")}
-        told = note_text("help", fields) if entry["topic"] == "/note/help" else short(fields, longest)
-        return head + short(f"{entry['topic']}  {told}", longest)
+        text = note_text("help", fields) if entry["topic"] == "/note/help" else short(fields, longest)
+        return head + short(f"{entry['topic']}  {text}", longest)
     return f"{head}{entry['path']}: {entry['old']} > {entry['new']}  {entry['feedback']}".rstrip()
 
 
 def note_text(topic: str, fields: Mapping[str, Any]) -> str:
     """A note of a node."""
-    for (of, needed), (head, told) in NOTE_TEXTS.items():
+    for (of, needed), (head, template) in NOTE_TEXTS.items():
         if of == topic and (not needed or needed in fields):
-            return f"{head:10} {told(fields)}"
+            return f"{head:10} {template(fields)}"
     return f"{topic:10} {short(fields)}"
 
 
@@ -84,8 +84,8 @@ def _help(fields: Mapping[str, Any]) -> str:
     costs_s, belief = fields["costs"], fields.get("belief") or {"no goal": 0.0}
     goal = max(belief, key=lambda name: belief[name])
     words = {"act_s": "acting", "wait_s": "waiting", "after_one_s": "after one more part", "ask_s": "a question"}
-    told = ", ".join(f"{words[name]} {costs_s[name]:g} s" for name in words if name in costs_s)
-    return f"{fields.get('text')}; {goal} {belief[goal]:.3f}, {told}"
+    text = ", ".join(f"{words[name]} {costs_s[name]:g} s" for name in words if name in costs_s)
+    return f"{fields.get('text')}; {goal} {belief[goal]:.3f}, {text}"
 
 
 NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], str]]] = {
@@ -143,12 +143,12 @@ def why_lines(why: Mapping[str, Any]) -> Iterator[str]:
 
 def command_text(command: Mapping[str, Any]) -> str:
     """What was asked of arm, gripper and wrist camera."""
-    told = [word for name, word in COMMANDS.items() if command.get(name)]
+    words = [word for name, word in COMMANDS.items() if command.get(name)]
     if follow := command.get("follow"):
-        told.append(f"arm follows a trajectory of {follow['times_s'][-1]:.2f} s")
+        words.append(f"arm follows a trajectory of {follow['times_s'][-1]:.2f} s")
     if gripper := command.get("gripper"):
-        told.append(f"gripper to {1e3 * gripper['opening_m']:.1f} mm")
-    return f"command    {', '.join(told)}"
+        words.append(f"gripper to {1e3 * gripper['opening_m']:.1f} mm")
+    return f"command    {', '.join(words)}"
 
 
 def display_text(display: Mapping[str, Any]) -> str:
@@ -181,10 +181,10 @@ def change_lines(changes: Sequence[StatusChange]) -> Iterator[str]:
 def difference_lines(difference: Difference, names: tuple[str, str] = ("was", "now")) -> list[str]:
     """Where two ticks differ: only the fields that do, where both are made of fields."""
     lines = [f"    tick {difference.tick} at {difference.time_s:.2f} s: {difference.node or difference.aspect}"]
-    told = _told(difference.aspect, difference.was), _told(difference.aspect, difference.now)
+    pair = _told(difference.aspect, difference.was), _told(difference.aspect, difference.now)
     fields = list(_differing(difference.was, difference.now))
-    if told[0] != told[1]:
-        fields = [("", *told)]
+    if pair[0] != pair[1]:
+        fields = [("", *pair)]
     width = max(len(name) for name in names)
     for path, was, now in fields[:MOST_FIELDS]:
         one, other = _apart(was, now)
@@ -200,7 +200,7 @@ def difference_lines(difference: Difference, names: tuple[str, str] = ("was", "n
 
 def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     """The answer of `cell log info`."""
-    outcome, told = info["outcome"], info["metadata"]
+    outcome, facts = info["outcome"], info["metadata"]
     parts = f" in {len(info['parts'])} parts" if info["parts"] else ""
     yield f"{info['log']}: {_size(info['bytes'])}{parts}"
     yield f"  end       {outcome.get('end', 'not known')}: {outcome.get('reason', info['unfinished'])}"
@@ -212,7 +212,7 @@ def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     yield f"  tick took {info['tick_wall_p50_ms']} ms (median), {info['tick_wall_max_ms']} ms at most; " + (
         f"{info['overruns']} overruns"
     )
-    for title, values in (("recorded with", told), ("attached, bytes", info["attachments"])):
+    for title, values in (("recorded with", facts), ("attached, bytes", info["attachments"])):
         yield f"{title}:"
         yield from _columns(values.items())
     yield "topics: messages, size"

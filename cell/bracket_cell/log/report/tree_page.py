@@ -126,8 +126,8 @@ class _TimeLine:
 
 def _write(path: Path, title: str, parts: list[dict[str, Any]], line: object, remarks: Iterable[str]) -> int:
     """The page that `cell run --page` serves of its tree, as one file with all that it needs."""
-    told = {"title": title, "remarks": list(remarks), "parts": parts, "line": line}
-    data = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")  # no text ends the element that holds it
+    fields = {"title": title, "remarks": list(remarks), "parts": parts, "line": line}
+    data = json.dumps(fields, separators=(",", ":")).replace("<", "\\u003c")  # no text ends the element that holds it
     style, script = ((STATIC / name).read_text() for name in ("tree.css", "tree.js"))
     text = (STATIC / "tree.html").read_text().replace("<title>tree</title>", f"<title>{escape(title)}</title>")
     text = text.replace(ICON, "data:,").replace(STYLE, f"<style>\n{style}</style>")

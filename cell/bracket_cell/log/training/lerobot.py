@@ -241,7 +241,7 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
     """By which training normalises: least, largest, mean and spread of each column, of pixels by channel."""
     lengths = [len(episode.times_s) for episode in episodes]
     times_s = np.concatenate([np.arange(length) / rate_hz for length in lengths])
-    told: dict[str, dict[str, Any]] = {
+    features: dict[str, dict[str, Any]] = {
         "observation.state": _spread(np.concatenate([episode.states for episode in episodes])),
         ENVIRONMENT: _spread(np.concatenate([episode.parts_m for episode in episodes])),
         "action": _spread(np.concatenate([episode.actions for episode in episodes])),
@@ -251,8 +251,8 @@ def _statistics(episodes: Sequence[Episode], rate_hz: float) -> dict[str, Any]:
         pixels = [rows for episode in episodes for rows in episode.pixels[camera]]
         spread = _spread(np.concatenate(pixels))
         image = {name: [[[value]] for value in values] for name, values in spread.items() if name != "count"}
-        told[_video(camera)] = {**image, "count": [len(pixels)]}
-    return told
+        features[_video(camera)] = {**image, "count": [len(pixels)]}
+    return features
 
 
 def _of_episode(episode: Episode, rate_hz: float) -> dict[str, Any]:

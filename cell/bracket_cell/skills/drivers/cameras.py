@@ -155,8 +155,8 @@ class GrabbingCamera:
         image, depth_mm = apart(pixels)
         wanted = self._setup.height_px, self._setup.width_px
         if image.shape[:2] != wanted:
-            told = f"{image.shape[1]} x {image.shape[0]} pixels, the bench file says {wanted[1]} x {wanted[0]}"
-            raise OSError(f"its images have {told}")
+            text = f"{image.shape[1]} x {image.shape[0]} pixels, the bench file says {wanted[1]} x {wanted[0]}"
+            raise OSError(f"its images have {text}")
         if self._setup.depth and depth_mm is None:
             raise OSError(
                 f"it sends no depths, and bench.{self._name}.depth is true; legal: a RealSense or a topic, or false"
@@ -178,8 +178,8 @@ class GrabbingCamera:
 
 def _words(error: Exception) -> str:
     """What a driver raised, on one line: an OSError says all in its words, others in their type, too."""
-    told = " ".join(str(error).split())
-    return told if isinstance(error, OSError) and told else f"{type(error).__name__}: {told}"
+    text = " ".join(str(error).split())
+    return text if isinstance(error, OSError) and text else f"{type(error).__name__}: {text}"
 
 
 class _Capture:
@@ -342,11 +342,11 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     yield _of_frames(what, frames, rate_hz, age_s)
     if frames and (depth_mm := frames[-1].depth_mm) is not None:
         share = float((depth_mm > 0).mean())
-        told = f"{what}: depth of {share:.0%} of the image"
-        yield DeviceCheck(told, "" if share >= LEAST_DEPTH else "too little: glare, bare steel, or a camera too near")
-    told = f"{what}: stamps {1e3 * (settings.delay_s or 0.0):.0f} ms after the exposure"
+        text = f"{what}: depth of {share:.0%} of the image"
+        yield DeviceCheck(text, "" if share >= LEAST_DEPTH else "too little: glare, bare steel, or a camera too near")
+    text = f"{what}: stamps {1e3 * (settings.delay_s or 0.0):.0f} ms after the exposure"
     yield DeviceCheck(
-        told if settings.delay_s is not None else f"{what}: how late its stamps are",
+        text if settings.delay_s is not None else f"{what}: how late its stamps are",
         "" if settings.delay_s is not None else "not known: `cell setup calibrate` measures it: delay_s",
     )
 
@@ -362,34 +362,34 @@ def lens_check(
         odd: why its distortion is none of these; empty where it is.
     """
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    told = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
-    told += "{} x {} pixels".format(*size_px)
+    text = f"camera {role}: focal lengths {fx:.1f}, {fy:.1f}, principal point {cx:.1f}, {cy:.1f} of "
+    text += "{} x {} pixels".format(*size_px)
     model, (column, row) = setup.model, setup.model.middle_px
     if size_px != (setup.width_px, setup.height_px):
-        return DeviceCheck(told, f"the bench file says {setup.width_px} x {setup.height_px}")
+        return DeviceCheck(text, f"the bench file says {setup.width_px} x {setup.height_px}")
     if np.abs(np.array([fx, fy]) / model.focals_px - 1).max() > FOCAL_OFF:
-        return DeviceCheck(told, "the bench file says focal_px: {:g}, focal_y_px: {:g}".format(*model.focals_px))
+        return DeviceCheck(text, "the bench file says focal_px: {:g}, focal_y_px: {:g}".format(*model.focals_px))
     if max(abs(cx - column), abs(cy - row)) > CENTRE_OFF_PX:
-        return DeviceCheck(told, f"the bench file says principal_px: [{column:g}, {row:g}]")
+        return DeviceCheck(text, f"the bench file says principal_px: [{column:g}, {row:g}]")
     if odd:
-        return DeviceCheck(told, odd)
+        return DeviceCheck(text, odd)
     if np.abs(bends - model.distortion).max() > BENDS_OFF:
         what = "the bench file says k1, k2, p1, p2, k3 = {:g}, {:g}, {:g}, {:g}, {:g}".format(*model.distortion)
-        return DeviceCheck(told, f"{what}; its images {', '.join(f'{value:g}' for value in bends)}")
-    return DeviceCheck(told)
+        return DeviceCheck(text, f"{what}; its images {', '.join(f'{value:g}' for value in bends)}")
+    return DeviceCheck(text)
 
 
 def _of_frames(what: str, frames: list[Frame], rate_hz: float, age_s: float) -> DeviceCheck:
     if len(frames) < 2:
         return DeviceCheck(what, f"no image in {LOOKED_S:g} s")
     found_hz = (len(frames) - 1) / (frames[-1].time_s - frames[0].time_s)
-    told = f"{what}: {found_hz:.1f} images per second, the newest {1e3 * age_s:.0f} ms old"
+    text = f"{what}: {found_hz:.1f} images per second, the newest {1e3 * age_s:.0f} ms old"
     if found_hz < SLOW * rate_hz:
-        return DeviceCheck(told, f"rate_hz says {rate_hz:g}: a USB port of its own, less exposure, or a lower rate_hz")
+        return DeviceCheck(text, f"rate_hz says {rate_hz:g}: a USB port of its own, less exposure, or a lower rate_hz")
     if age_s > OLD_S + 2 / rate_hz:
-        return DeviceCheck(told, "too old: less buffering in the camera, or another way to it")
+        return DeviceCheck(text, "too old: less buffering in the camera, or another way to it")
     if max(float(np.mean(frame.image)) for frame in frames) < DARK:
-        return DeviceCheck(told, "they are black: take the cover off, light the bench, or raise exposure")
+        return DeviceCheck(text, "they are black: take the cover off, light the bench, or raise exposure")
     if all(np.array_equal(frames[0].image, frame.image) for frame in frames[1:]):
-        return DeviceCheck(told, "they are all the same: the camera is frozen; unplug it for a moment")
-    return DeviceCheck(told)
+        return DeviceCheck(text, "they are all the same: the camera is frozen; unplug it for a moment")
+    return DeviceCheck(text)

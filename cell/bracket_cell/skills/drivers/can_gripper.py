@@ -243,11 +243,11 @@ class CanGripper:
             if not self._late:
                 self._status_s = now
 
-    def _take_heartbeat(self, told: int) -> None:
+    def _take_heartbeat(self, code: int) -> None:
         """Notice a node that has restarted, whatever its status says, and two that speak in turn."""
-        state = NODE_STATES.get(told, "unknown")
+        state = NODE_STATES.get(code, "unknown")
         if state == "unknown":
-            self._errors.append(f"a heartbeat tells the state {told}, which there is not")
+            self._errors.append(f"a heartbeat tells the state {code}, which there is not")
         if state == "boot_up" and self._heartbeat_s is not None:  # the first one is no restart
             self._restarted |= self._status is not None and self._sent_s is not None
             self._forget_activation()
@@ -325,7 +325,7 @@ class CanGripper:
 
     def _echoed(self, status: Mapping[str, float], data: bytes) -> bool:
         asked = _decoded(self._command, data)
-        return all(status[told] == asked[sent] for told, sent in ECHO)
+        return all(status[field] == asked[sent] for field, sent in ECHO)
 
     def _send(self) -> bytes:
         if self._lost:  # it may have restarted, and would be activated anew

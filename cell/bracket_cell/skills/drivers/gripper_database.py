@@ -98,11 +98,11 @@ def _layout(signal: Signal) -> str:
 
 
 def _misscaled(found: Signal, wanted: Signal) -> str:
-    told, right = _ends(found), _ends(wanted)
+    found_ends, right = _ends(found), _ends(wanted)
     tolerance = TOLERANCES.get(wanted.name, 0.0)
-    if all(abs(one - other) <= tolerance for one, other in zip(told, right, strict=True)):
+    if all(abs(one - other) <= tolerance for one, other in zip(found_ends, right, strict=True)):
         return ""
-    return f"runs from {told[0]:g} to {told[1]:g}, must run from {right[0]:g} to {right[1]:g}"
+    return f"runs from {found_ends[0]:g} to {found_ends[1]:g}, must run from {right[0]:g} to {right[1]:g}"
 
 
 def _ends(signal: Signal) -> tuple[float, float]:

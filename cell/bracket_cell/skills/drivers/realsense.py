@@ -85,20 +85,20 @@ class _Pipeline:
         """Depths by the pixels of the colour image; 0 where none is known."""
         if not (depth := frames.get_depth_frame()):
             raise OSError("RealSense: a colour image came without its depths")
-        told = np.rint(np.asanyarray(depth.get_data()) * self._mm)
-        return np.where(told <= MOST_MM, told, 0).astype(np.uint16)
+        depth_mm = np.rint(np.asanyarray(depth.get_data()) * self._mm)
+        return np.where(depth_mm <= MOST_MM, depth_mm, 0).astype(np.uint16)
 
     def close(self) -> None:
         """As in `Source`."""
         self._pipeline.stop()
 
 
-def _lens(told: Any) -> Lens | None:
+def _lens(lens: Any) -> Lens | None:
     """A lens of librealsense; none where its bends are of another model than OpenCV's, or such as no lens has."""
-    if any(told.coeffs) and told.model != pyrealsense2.distortion.brown_conrady:
+    if any(lens.coeffs) and lens.model != pyrealsense2.distortion.brown_conrady:
         return None
     try:
-        return Lens.opencv([[told.fx, 0.0, told.ppx], [0.0, told.fy, told.ppy], [0.0, 0.0, 1.0]], told.coeffs)
+        return Lens.opencv([[lens.fx, 0.0, lens.ppx], [0.0, lens.fy, lens.ppy], [0.0, 0.0, 1.0]], lens.coeffs)
     except ValidationError:
         return None
 
@@ -116,8 +116,8 @@ def _legal(asked: Mode, depth: bool) -> str:
     both = set.intersection(*modes.values())
     if not both or asked in both:
         return ""
-    told = ", ".join(f"{width} x {height} at {rate}" for width, height, rate in sorted(both))
-    return f"; it has no {asked[0]} x {asked[1]} at {asked[2]} images a second; legal: {told}"
+    text = ", ".join(f"{width} x {height} at {rate}" for width, height, rate in sorted(both))
+    return f"; it has no {asked[0]} x {asked[1]} at {asked[2]} images a second; legal: {text}"
 
 
 class RealsenseCamera(GrabbingCamera):

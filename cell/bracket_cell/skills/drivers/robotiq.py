@@ -211,9 +211,9 @@ class RegisterGripper:
             position = round(closed_count + opening_m / does.stroke_m * (open_count - closed_count))
             speed, force = _count(command.speed_m_s, does.speed_m_s), _count(command.force_n, does.force_n)
             self._request, self._commanded = Request(self._request.activate, True, position, speed, force), True
-            told = self._opening_m(position)
+            position_m = self._opening_m(position)
         self._wake.set()
-        return GripperCommand(told, _value(speed, does.speed_m_s), _value(force, does.force_n))
+        return GripperCommand(position_m, _value(speed, does.speed_m_s), _value(force, does.force_n))
 
     def hold(self) -> None:
         """Clear rGTO: the fingers stop and keep their grip."""
@@ -375,9 +375,9 @@ class UrcapWire:
         """As in `Wire`."""
         names = ("ACT", "GTO", "STA", "OBJ", "FLT", "PRE", "POS", "COU")
         answers = {name: self._ask(f"GET {name}", name.encode() + rb" (\d+)")[1] for name in names}
-        told = {name: min(int(answer), 255) for name, answer in answers.items()}
-        first = told["ACT"] | told["GTO"] << 3 | told["STA"] << 4 | told["OBJ"] << 6
-        return bytes((first, 0, told["FLT"], told["PRE"], told["POS"], told["COU"]))
+        registers = {name: min(int(answer), 255) for name, answer in answers.items()}
+        first = registers["ACT"] | registers["GTO"] << 3 | registers["STA"] << 4 | registers["OBJ"] << 6
+        return bytes((first, 0, registers["FLT"], registers["PRE"], registers["POS"], registers["COU"]))
 
     def write(self, command: bytes) -> None:
         """As in `Wire`; GTO goes with every position, which the pendant may have taken away."""
@@ -392,9 +392,9 @@ class UrcapWire:
     def _ask(self, line: str, answer: bytes) -> re.Match[bytes]:
         """One line, one answer; after another one nobody knows which belongs to what."""
         self._socket.sendall(line.encode() + b"\n")
-        told = self._socket.recv(1024)
-        if (found := re.fullmatch(answer, told.strip())) is None:
-            raise ConnectionError(f"{line!r} is answered with {told!r}")
+        received = self._socket.recv(1024)
+        if (found := re.fullmatch(answer, received.strip())) is None:
+            raise ConnectionError(f"{line!r} is answered with {received!r}")
         return found
 
 

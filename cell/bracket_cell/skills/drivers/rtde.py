@@ -51,9 +51,9 @@ class RtdeConnection:
             raise DeviceFault("arm", f"{host}: its RTDE is older than protocol version 2")
         self.version = _unpacked(struct.Struct(">4I"), self.asked("v", b""))
         if self.version[0] >= POLYSCOPE_X:
-            told = ".".join(map(str, self.version[:3]))
+            text = ".".join(map(str, self.version[:3]))
             raise DeviceFault(
-                "arm", f"{host} has PolyScope X ({told}): without a dashboard nothing brings its arm back"
+                "arm", f"{host} has PolyScope X ({text}): without a dashboard nothing brings its arm back"
             )
         rate = float((500 if self.version[0] >= 5 else 125) if rate_hz is None else rate_hz)
         answer = self.asked("O", struct.pack(">d", rate) + ",".join(outputs).encode())

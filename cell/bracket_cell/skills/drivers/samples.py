@@ -156,12 +156,12 @@ class SampleReceiver(Generic[Told]):
             else:
                 return
 
-    def _keep(self, told: Told) -> None:
-        time_s = self._time_s(told.time_s)
+    def _keep(self, sample: Told) -> None:
+        time_s = self._time_s(sample.time_s)
         if self._newest is not None and time_s <= self._newest.time_s:
             return
         with self._came:
-            self._newest = replace(told, time_s=time_s)  # type: ignore[type-var]
+            self._newest = replace(sample, time_s=time_s)  # type: ignore[type-var]
             self._samples.append(self._newest)
             self._came.notify_all()
 

@@ -57,8 +57,8 @@ class UrSamples(RtdeConnection):
         joints = np.array(values[1:19]).reshape(3, 6)
         robot, safety, runtime = map(int, values[19:22])
         scaling, fraction = (min(max(value, 0.0), 1.0) for value in values[22:24])
-        told = safety_of(safety)
-        mode, reason = told.mode, told.reason
+        named = safety_of(safety)
+        mode, reason = named.mode, named.reason
         if not reason and robot != RUNNING:
             mode, reason = "not_controlled", POWER.get(robot, f"its robot mode is {robot}")
         force_n = self._turn @ np.array(values[24:27])

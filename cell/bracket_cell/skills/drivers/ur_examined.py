@@ -46,7 +46,7 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
         forward: world_from_tool of joints (6,).
     """
     try:
-        told, version = _told(settings.host)
+        values, version = _told(settings.host)
     except OSError as error:
         yield DeviceCheck(
             f"arm: a controller at {settings.host}",
@@ -61,15 +61,15 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
         return
     yield DeviceCheck(f"arm: a controller at {settings.host}, version {'.'.join(map(str, version))}")
     yield _model(settings, robot, version)
-    yield _mode(settings, told)
-    if "payload" in told:
-        yield _payload(settings, float(told["payload"][0]))
-    if "tcp_offset" in told:
-        yield _tcp(robot, told["tcp_offset"])
-    yield _kinematics(robot, told, forward)
+    yield _mode(settings, values)
+    if "payload" in values:
+        yield _payload(settings, float(values["payload"][0]))
+    if "tcp_offset" in values:
+        yield _tcp(robot, values["tcp_offset"])
+    yield _kinematics(robot, values, forward)
     yield _own_calibration(settings, bench, robot, forward)
     yield _registers(settings)
-    yield _turns(bench, robot.joints, told["actual_q"])
+    yield _turns(bench, robot.joints, values["actual_q"])
 
 
 def joints_rad(settings: UrSettings) -> Array:
@@ -156,24 +156,24 @@ def _told(host: str) -> tuple[dict[str, Array], tuple[int, ...]]:
 
 
 def _model(settings: UrSettings, robot: RobotModel, version: Sequence[int]) -> DeviceCheck:
-    told = ""
+    model = ""
     with suppress(DeviceFault), Dashboard(settings.host) as dashboard:
-        told = dashboard.ask("get robot model").lower()
+        model = dashboard.ask("get robot model").lower()
     name = robot.name.lower()
-    of_series = name.removesuffix("e") if told and not told.endswith("e") else name
+    of_series = name.removesuffix("e") if model and not model.endswith("e") else name
     series = version[0] >= E_SERIES
-    what = f"arm: {told.upper() or 'an arm'}{' of the e-series' if series else ''}"
+    what = f"arm: {model.upper() or 'an arm'}{' of the e-series' if series else ''}"
     known = name.startswith("ur") and name[2:].removesuffix("e").isdecimal()
     other = name in TWICE if series else name.endswith("e")  # of the other series
-    if known and (other or (told.startswith("ur") and told != of_series)):
-        base = told.removesuffix("e")
-        right = base + "e" * (series and base in TWICE) if told else "the controller's own"
+    if known and (other or (model.startswith("ur") and model != of_series)):
+        base = model.removesuffix("e")
+        right = base + "e" * (series and base in TWICE) if model else "the controller's own"
         return DeviceCheck(what, f"the configuration says robot: {robot.name}; write robot: {right}")
     return DeviceCheck(what)
 
 
-def _mode(settings: UrSettings, told: Mapping[str, Array]) -> DeviceCheck:
-    robot, stopped = int(told["robot_mode"][0]), safety_of(int(told["safety_mode"][0])).reason
+def _mode(settings: UrSettings, values: Mapping[str, Array]) -> DeviceCheck:
+    robot, stopped = int(values["robot_mode"][0]), safety_of(int(values["safety_mode"][0])).reason
     try:
         with Dashboard(settings.host) as dashboard:
             local = dashboard.local
@@ -197,22 +197,22 @@ def _payload(settings: UrSettings, told_kg: float) -> DeviceCheck:
     )
 
 
-def _tcp(robot: RobotModel, told: Array) -> DeviceCheck:
-    off = np.abs(told - np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
-    what = f"arm: a TCP at ({', '.join(f'{1e3 * value:.1f}' for value in told[:3])}) mm from the flange"
+def _tcp(robot: RobotModel, tcp: Array) -> DeviceCheck:
+    off = np.abs(tcp - np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
+    what = f"arm: a TCP at ({', '.join(f'{1e3 * value:.1f}' for value in tcp[:3])}) mm from the flange"
     if off.max() <= TCP_OFF_M:
         return DeviceCheck(what)
     right = f"(0, 0, {1e3 * robot.gripper.tcp_from_flange_m:.1f}) mm without rotation"
     return DeviceCheck(what, f"the robot's file says {right}: set it in the pendant's installation, or in that file")
 
 
-def _kinematics(robot: RobotModel, told: Mapping[str, Array], forward: Forward) -> DeviceCheck:
+def _kinematics(robot: RobotModel, values: Mapping[str, Array], forward: Forward) -> DeviceCheck:
     """Our place of the flange against the controller's, which knows the arm's own calibration."""
-    tool = forward(told["actual_q"])
-    pose = told["actual_TCP_pose"]
+    tool = forward(values["actual_q"])
+    pose = values["actual_TCP_pose"]
     base = world_from_base(robot)
     turned = base[:3, :3] @ _turn(pose[3:])
-    tcp = told.get("tcp_offset", np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
+    tcp = values.get("tcp_offset", np.array([0.0, 0.0, robot.gripper.tcp_from_flange_m, 0.0, 0.0, 0.0]))
     theirs = base[:3, :3] @ pose[:3] + base[:3, 3] - turned @ _turn(tcp[3:]).T @ tcp[:3]
     ours = tool.transform(np.array([0.0, 0.0, -robot.gripper.tcp_from_flange_m]))
     off_m = float(np.linalg.norm(theirs - ours))
@@ -270,9 +270,9 @@ def _turns(bench: Bench, names: Sequence[str], joints_rad: Array) -> DeviceCheck
     }
     if not away:
         return DeviceCheck("arm: no joint is a turn away from the pose park")
-    told = ", ".join(f"{name} by {math.degrees(angle):+.0f} degrees" for name, angle in away.items())
+    text = ", ".join(f"{name} by {math.degrees(angle):+.0f} degrees" for name, angle in away.items())
     return DeviceCheck(
-        f"arm: away from the pose park: {told}", "turn it back by hand in free drive, or `cell setup teach park` anew"
+        f"arm: away from the pose park: {text}", "turn it back by hand in free drive, or `cell setup teach park` anew"
     )
 
 

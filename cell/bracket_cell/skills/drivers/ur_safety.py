@@ -49,5 +49,5 @@ SAFETY: dict[int, Safety] = {
 
 def safety_of(number: int | None) -> Safety:
     """What a controller tells as its safety mode; None where it told none."""
-    told = "not told" if number is None else number
-    return SAFETY.get(number or 0, Safety("fault", f"an unknown safety mode, {told}"))
+    mode = "not told" if number is None else number
+    return SAFETY.get(number or 0, Safety("fault", f"an unknown safety mode, {mode}"))

@@ -75,8 +75,8 @@ class _Terminals(RtdeConnection):
             types = answer[1:].decode(errors="replace").split(",")
             if any(kind not in FORMS for kind in types):
                 self.close()
-                told = ", ".join(f"{name} is {kind}" for name, kind in zip(self._names, types, strict=False))
-                raise DeviceFault("signals", f"{host} lets nobody set its terminals: {told}; who else sets them?")
+                text = ", ".join(f"{name} is {kind}" for name, kind in zip(self._names, types, strict=False))
+                raise DeviceFault("signals", f"{host} lets nobody set its terminals: {text}; who else sets them?")
             self._recipe, self._put = answer[0], struct.Struct(">" + "".join(FORMS[kind] for kind in types))
             self.put(sets)
 
@@ -84,8 +84,8 @@ class _Terminals(RtdeConnection):
         """The next word of the terminals; raises OSError."""
         time_s, bits, safety, *others = self.values()
         registers, values = others[: len(self._numbers)], others[len(self._numbers) :]
-        told = dict(zip(self._numbers, map(bool, registers), strict=True))
-        return Told(time_s, int(bits), int(safety), told, dict(zip(self._analog, values, strict=True)))
+        levels = dict(zip(self._numbers, map(bool, registers), strict=True))
+        return Told(time_s, int(bits), int(safety), levels, dict(zip(self._analog, values, strict=True)))
 
     def put(self, sets: Mapping[str, bool]) -> None:
         """Set all outputs; raises OSError."""
@@ -123,11 +123,11 @@ class UrSignals:
         Raises:
             DeviceFault: the controller is silent.
         """
-        told = self._receiver.newest
-        silent_s = self._clock.now_s() - told.time_s
+        newest = self._receiver.newest
+        silent_s = self._clock.now_s() - newest.time_s
         if silent_s > self._settings.timeout_s:
             raise DeviceFault("signals", self._receiver.trouble or f"no word of the terminals for {silent_s:.2f} s")
-        return {name: told.holds(terminal) for name, terminal in self._settings.inputs.items()} | self._outputs
+        return {name: newest.holds(terminal) for name, terminal in self._settings.inputs.items()} | self._outputs
 
     def write(self, name: str, value: bool) -> None:
         """Set an output; one that did not reach the controller is set as soon as it is connected again.

@@ -355,9 +355,9 @@ class ArmMonitor:
         if arm.mode in BRAKED:
             self._mismatches[:] = 0
             return ""
-        measured, told = moved / max(took_s, EPS), (speeds + np.array(before.velocities_rad_s)) / 2
-        limit = np.maximum(ARM.speed_off_rad_s, ARM.speed_off * np.maximum(np.abs(measured), np.abs(told)))
-        off = ((measured - told) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
+        measured, reported = moved / max(took_s, EPS), (speeds + np.array(before.velocities_rad_s)) / 2
+        limit = np.maximum(ARM.speed_off_rad_s, ARM.speed_off * np.maximum(np.abs(measured), np.abs(reported)))
+        off = ((measured - reported) / limit).clip(-2.0, 2.0).astype(int)  # what is off twice as much counts twice
         self._from_rad = np.where(self._mismatches == 0, before.positions_rad, self._from_rad)
         self._mismatches = np.where(off * self._mismatches > 0, self._mismatches, 0) + off
         shakes = (np.abs(positions - self._from_rad) <= ARM.shakes_rad) & (self._rate == 0 or not arm.moving)
@@ -369,5 +369,5 @@ class ArmMonitor:
             "{joint} moves at {measured} rad/s and tells {told} rad/s",
             joint=self._names[joint],
             measured=f"{measured[joint]:.2f}",
-            told=f"{told[joint]:.2f}",
+            told=f"{reported[joint]:.2f}",
         )

@@ -101,9 +101,9 @@ class ViewRange:
         if not isinstance(hand, HandSample):
             return Message("a hand is not plausible: it is {told}", told=f"{hand!r:.60}")
         for name, (least, most) in self.ranges.items():
-            told = getattr(hand, name)
-            if not _within(told, least, most) and (told is not None or name in ALWAYS):
-                return Message("a hand is not plausible: {name} is {told}", name=name, told=f"{told!r:.60}")
+            point = getattr(hand, name)
+            if not _within(point, least, most) and (point is not None or name in ALWAYS):
+                return Message("a hand is not plausible: {name} is {told}", name=name, told=f"{point!r:.60}")
         if not math.dist(hand.palm_m, hand.fingertips_m) <= PLAUSIBLE.hand_m:
             return Message("a hand is not plausible: {name} is {told}", name="palm_m", told=f"{hand.palm_m!r:.60}")
         left, top, right, bottom = hand.box_px
@@ -155,10 +155,10 @@ def _range(least: float | list[float], most: float | list[float]) -> Range:
     return np.array(least), np.array(most)
 
 
-def _within(told: Any, least: Array, most: Array) -> bool:
+def _within(values: Any, least: Array, most: Array) -> bool:
     """Whether these are so many numbers, each within its range; what is no number is not."""
     try:
-        numbers = np.array(told, dtype=np.float64)
+        numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         return False
     return numbers.shape == least.shape and bool(((numbers >= least) & (numbers <= most)).all())

@@ -84,11 +84,11 @@ class RunPolicy(SkillNode):
 
     def poll(self) -> Progress:
         skill: Any = self._skill
-        if skill.asks(self.now.observation) and (told := self._answer()) is not None:
+        if skill.asks(self.now.observation) and (answer := self._answer()) is not None:
             if not self._noted:
-                self.tools.journal.note("message", text=f"policy {self.file.get()}, sha256 {told['sha256']}")
+                self.tools.journal.note("message", text=f"policy {self.file.get()}, sha256 {answer['sha256']}")
             self._noted = True
-            skill.feed([np.array(row) for row in told["actions"]])
+            skill.feed([np.array(row) for row in answer["actions"]])
         return super().poll()
 
     def _answer(self) -> Any:
@@ -112,13 +112,13 @@ class RunPolicy(SkillNode):
 
         seen, file, policies = self.now.observation, self.file.get(), self.tools.policies
         sees = observed(seen.arm, seen.gripper, self._part_m, self._target_m)
-        told = {name: sees[name].tolist() for name in ("state", "part", "target")}
+        fields = {name: sees[name].tolist() for name in ("state", "part", "target")}
 
         def ask() -> Asked:
             assert policies is not None, "a run has them"
             return policies.ask(file, sees)
 
-        return Question(self, {"policy": file, **told}, ask)
+        return Question(self, {"policy": file, **fields}, ask)
 
     def terminate(self, new_status: Status) -> None:
         if self._question is not None:

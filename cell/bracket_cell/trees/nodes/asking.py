@@ -168,9 +168,9 @@ class AskWhichGoal(Asks):
         if self._asks and answer is not None and (state.told_goal is None or guard.contradicted(plan, state)):
             tell_goal(self, state, answer)
             state = self.state.get()
-        if self._asks and (told := state.told_goal) is not None and not guard.contradicted(plan, state):
-            self.feedback_message = Message("it is {told}", told=told)
-            return self.planned(plan.goal_belief.get(told, 0.0) > SURE)
+        if self._asks and (goal := state.told_goal) is not None and not guard.contradicted(plan, state):
+            self.feedback_message = Message("it is {told}", told=goal)
+            return self.planned(plan.goal_belief.get(goal, 0.0) > SURE)
         against = self.order.get() and against_order(services, state)
         if not (against or guard.asks_for_goal(plan, state, waited_s=services.waited_s)):
             self.feedback_message = "the goal is clear by now" if self._asks else "nothing to ask"

@@ -46,9 +46,9 @@ class AwaitMistake(CellNode):
         ]
         settled += self._hidden()
         for kind in KINDS:
-            if told := tuple(mistake for mistake in settled if mistake.kind == kind):
-                self.mistakes.set(told)
-                self.feedback_message = reason_of(self.tools.product, told)
+            if mistakes := tuple(mistake for mistake in settled if mistake.kind == kind):
+                self.mistakes.set(mistakes)
+                self.feedback_message = reason_of(self.tools.product, mistakes)
                 return Status.SUCCESS
         self.feedback_message = f"watches {' '.join(mistake.position for mistake in now)}" if now else ""
         return Status.RUNNING

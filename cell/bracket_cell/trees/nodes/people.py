@@ -238,8 +238,8 @@ class AssemblyFinished(CellNode):
             services.now.show(message="the bracket is assembled", help_request=None)
             return Status.SUCCESS
         seen = services.now.observation
-        told = self._full_since_s is not None and seen.time_s - self._full_since_s >= TELLS_S
-        if told and not seen.arm.moving:
+        due = self._full_since_s is not None and seen.time_s - self._full_since_s >= TELLS_S
+        if due and not seen.arm.moving:
             services.now.show(message=Message("waiting: {reason}", reason=reason))
         return Status.FAILURE
 

@@ -69,8 +69,8 @@ class DecodeGuidance(CellNode):
             self._shown = plan
             guidance, any_part = plan.shared(self.tools.guard.sure_probability)
             self.now.show(guidance=guidance, any_part=any_part, goal_belief=dict(plan.goal_belief))
-            told = {part: list(to) for part, to in guidance.items()}
-            self.tools.journal.note("plan", guidance=told, any_part=list(any_part))
+            shown = {part: list(to) for part, to in guidance.items()}
+            self.tools.journal.note("plan", guidance=shown, any_part=list(any_part))
             rows = {**guidance, **({"any part": any_part} if any_part else {})}
             self._words = "; ".join(f"{part}: {' '.join(to) or '-'}" for part, to in rows.items())
         self.feedback_message = self._words

@@ -93,9 +93,9 @@ class UpdateGraph(CellNode):
             if action.position not in state.placed:
                 self.state.set(state.with_placement(action.part, action.position, _shares(action)))
                 self.now.show(help_request=None)
-                told: dict[str, object] = {"posterior": dict(action.posterior)} if action.posterior else {}
-                told |= {"shown": True} if action.shown else {}  # the hole tells it, too
-                self.tools.journal.note("belief", edge=[action.part, action.position], source="action", **told)
+                fields: dict[str, object] = {"posterior": dict(action.posterior)} if action.posterior else {}
+                fields |= {"shown": True} if action.shown else {}  # the hole tells it, too
+                self.tools.journal.note("belief", edge=[action.part, action.position], source="action", **fields)
             self.feedback_message = f"{action.part} is at {action.position}"
         return Status.SUCCESS
 

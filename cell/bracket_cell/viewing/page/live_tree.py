@@ -78,10 +78,10 @@ class LiveTree:
         if first == len(ticks) and not (same and ticks and ticks[-1][0] == number):
             first = max((at for at, tick in enumerate(ticks) if tick[1]), default=len(ticks))
             self._whole |= first == len(ticks)
-        told: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "run": self._run,
             "number": ticks[-1][0] if ticks[first:] else number if same else 0,
             "parts": [orjson.Fragment(part) for part in self._parts[parts if same else 0 :]],
             "ticks": [orjson.Fragment(tick[2]) for tick in ticks[first:]],
         }
-        return orjson.dumps(told)
+        return orjson.dumps(fields)

@@ -67,16 +67,16 @@ def marks_of(product: Product, bench: Bench) -> dict[str, Any]:
 
 
 def _shape(shape: Shape) -> dict[str, Any]:
-    told = {
+    fields = {
         "name": shape.name,
         "frame": shape.frame,
         "pose": _pose(shape.frame_from_shape),
         "side": FINGER_SIDES.get(shape.name, 0.0),
     }
     if shape.box_m is not None:
-        return {**told, "box_m": shape.box_m}
+        return {**fields, "box_m": shape.box_m}
     points, triangles = shape.points_m.round(DIGITS), shape.triangles
-    return {**told, "points_m": points.ravel().tolist(), "triangles": triangles.ravel().tolist()}
+    return {**fields, "points_m": points.ravel().tolist(), "triangles": triangles.ravel().tolist()}
 
 
 def _pose(pose: Pose) -> list[float]:

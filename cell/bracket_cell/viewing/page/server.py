@@ -214,17 +214,17 @@ class _Events(Response):
             await send({"type": "http.response.start", "status": 200, "headers": headers})
             await self._tell(send, b"role", (self._whose or "look").encode())
             await self._tell(send, b"still", server._still)
-            told, known = -1, dict[str, bytes]()
-            while not gone.done() and not (server._closing and told == server._number):
-                if told != server._number:
-                    told, age_s = server._number, time.monotonic() - server._published_s
+            sent, known = -1, dict[str, bytes]()
+            while not gone.done() and not (server._closing and sent == server._number):
+                if sent != server._number:
+                    sent, age_s = server._number, time.monotonic() - server._published_s
                     await self._tell(send, b"age", f"{age_s:.2f} {time.monotonic():.2f}".encode())
                     state = server._state
                     changed = [name for name, value in state.items() if known.get(name) != value]
                     await self._tell(send, b"state", _object({name: state[name] for name in changed}))
                     known = state
                 news.clear()
-                if told == server._number and not server._closing and not gone.done():
+                if sent == server._number and not server._closing and not gone.done():
                     await news.wait()
             await send({"type": "http.response.body", "body": b"", "more_body": False})
         except TimeoutError:

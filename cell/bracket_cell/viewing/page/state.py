@@ -104,7 +104,7 @@ class PageState:
 
     def now(self, record: TickRecord) -> dict[str, Any]:
         """Everything that changes, as it is after this tick."""
-        seen, judged, told = record.observation, record.judgement, self.instructor.now()
+        seen, judged, instruction = record.observation, record.judgement, self.instructor.now()
         alarms = [] if (cause := self.instructor.cause) is None else [[cause[0], data_of(cause[1])]]
         if self.instructor.asks and not alarms:
             alarms.append(["acknowledge", ACKNOWLEDGE])
@@ -116,7 +116,7 @@ class PageState:
             "status": record.status,
             "ended": self._ended,
             "share": round(seen.speed_scale, 2),
-            "instruction": {**asdict(told), "words": data_of(told.words)},
+            "instruction": {**asdict(instruction), "words": data_of(instruction.words)},
             "alarms": alarms,
             "held": held,
             "asks": self.instructor.asks,
@@ -149,7 +149,7 @@ class PageState:
     def _seen_parts(self, view: PartsView | None) -> list[dict[str, object]]:
         """Parts in the tray as they were seen last."""
         if view is not self._parts[0]:
-            told = (
+            words = (
                 []
                 if view is None
                 else [(detection.part, detection.lies or detection.world_from_part) for detection in view.detections]
@@ -158,7 +158,7 @@ class PageState:
                 view,
                 [
                     {"part": part, "position_m": pose.position_m, "quaternion_wxyz": pose.quaternion_wxyz}
-                    for part, pose in told
+                    for part, pose in words
                 ],
             )
         return self._parts[1]

@@ -109,8 +109,8 @@ class WebServer:
     def _token(self, request: Request, given: str | None = None) -> Role | None:
         """Whose token somebody has, in a header but where another place is given; it keeps a place at the door."""
         if self.where.path is not None:  # only the server of this user reaches it, and knows who asks
-            told = request.headers.get(ROLE, "")
-            return cast("Role", told) if told in ("operate", "look") else None
+            word = request.headers.get(ROLE, "")
+            return cast("Role", word) if word in ("operate", "look") else None
         role = self._role_of(request.headers.get("x-cell-token", "") if given is None else given)
         if role is not None:
             self._door.knows(request.state.caller)
@@ -146,8 +146,8 @@ class WebServer:
         name = self._settings.language if name == "usual" else name
         if name not in languages():
             return PlainTextResponse(f"no language {name!r}; there are: {', '.join(languages())}", 404)
-        told = {"language": name, "languages": languages(), "texts": dict(catalogue(name).texts)}
-        return Response(orjson.dumps(told), media_type="application/json")
+        fields = {"language": name, "languages": languages(), "texts": dict(catalogue(name).texts)}
+        return Response(orjson.dumps(fields), media_type="application/json")
 
 
 async def body_of(request: Request) -> bytes | Response:

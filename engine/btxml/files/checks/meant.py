@@ -124,7 +124,7 @@ def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iter
     for use in builder.uses:
         if not use.passes:
             users[id(use.entry)].append(use.uid)
-    told: set[Place] = set()
+    reported: set[Place] = set()
     for call in builder.calls:
         node, name = builder.nodes[call.uid - 1], call.element.get("ID") or ""
         for key, attribute in call.element.attributes.items():
@@ -132,8 +132,8 @@ def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iter
                 continue
             entry = call.inner.entry(key)
             used = any(uid != call.uid and order.holds(node, uid) for uid in users[id(entry)])
-            if not used and id(entry) not in builder.mentioned and attribute.place not in told:
-                told.add(attribute.place)
+            if not used and id(entry) not in builder.mentioned and attribute.place not in reported:
+                reported.add(attribute.place)
                 yield Problem(attribute.place, f"nothing in SubTree '{name}' reads '{key}'", "remove it")
 
 

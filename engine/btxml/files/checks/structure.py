@@ -187,8 +187,8 @@ class _Checker:
             return
         if legal := port.outside(value):
             shown = f"'{attribute.value}'" if attribute.value.strip() else "empty"
-            told = self._library.warnings if node in BUILT_IN else self._problems
-            told.append(Problem(attribute.value_place, f"port '{port.name}' is {shown}", legal))
+            problems = self._library.warnings if node in BUILT_IN else self._problems
+            problems.append(Problem(attribute.value_place, f"port '{port.name}' is {shown}", legal))
 
     def _script(self, attribute: Attribute) -> None:
         before, self._script_length = self._script_length, self._script_length + len(attribute.value)

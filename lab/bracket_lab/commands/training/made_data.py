@@ -35,7 +35,7 @@ class Children:
         self._running: list[subprocess.Popen[bytes]] = []
         self._ended = False
 
-    def run(self, words: Sequence[str], told: IO[str] | None, complaints: IO[str] | None = None) -> int:
+    def run(self, words: Sequence[str], output: IO[str] | None, complaints: IO[str] | None = None) -> int:
         """Run one to its end; returns its status. Once they were interrupted, nothing begins any more.
 
         Args:
@@ -46,7 +46,7 @@ class Children:
             if self._ended:
                 return -signal.SIGINT
             beside = {**os.environ, BESIDE: "1"}
-            process = subprocess.Popen(words, stdout=told, stderr=complaints or told, env=beside)
+            process = subprocess.Popen(words, stdout=output, stderr=complaints or output, env=beside)
             self._running.append(process)
         status = process.wait()
         with self._lock:
@@ -127,8 +127,8 @@ def fingerprint(config: Path) -> str:
     """Of the product and the bench of a configuration, which training data show."""
     configuration = load_configuration(config)
     product = load_product(configuration, config)
-    told = product.model_dump_json() + configuration.bench.model_dump_json()
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+    text = product.model_dump_json() + configuration.bench.model_dump_json()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _require(folder: Path, recipe: dict[str, object]) -> None:

@@ -70,8 +70,8 @@ def hands(asked: Training, weights: Path) -> Scores:
         scorer = Scorer(configuration, product, "hands", "slim", weights)
         drawn = frames_of(unseen) if validation else []
         measured = [frame for frame in (*kept, *drawn) if all(hand.points_m for hand in frame.row.hands)]
-        told = score_readings(SlimReader(setup, types, weights), configuration.bench, measured) if measured else {}
-        return told | scorer.scores((kept or drawn)[:MOST_COMPARED])
+        scores = score_readings(SlimReader(setup, types, weights), configuration.bench, measured) if measured else {}
+        return scores | scorer.scores((kept or drawn)[:MOST_COMPARED])
 
     return train_hands(
         folders,
@@ -138,8 +138,8 @@ def parts(asked: Training, weights: Path) -> Scores:
         )
     command = asked.command("parts", epochs=epochs)
     facts = train_parts(scenes, product, floor_m, weights, asked.seed, epochs=epochs, command=command, quiet=False)
-    told = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
-    return {**facts, **told, **beside(asked, "parts", weights, kept, scenes)}
+    scores = stacks(asked, scenes, product, floor_m, weights, stacked_file(weights), command, epochs=of_stacks)
+    return {**facts, **scores, **beside(asked, "parts", weights, kept, scenes)}
 
 
 def boxed_parts(
@@ -152,16 +152,16 @@ def boxed_parts(
     if unseen := [part for part in product.parts if not seen[part]]:
         named = f"only {', '.join(sorted(seen))}" if seen else "no part"
         raise InputError(f"--data: {named} labelled in {len(scenes)} pictures; none shows {', '.join(unseen)}")
-    told = dict[str, float]()
+    figures = dict[str, float]()
     for share in (*CURVE, 1) if asked.curve else (1,):
         some, out = scenes[:: round(1 / share)], weights if share == 1 else weights.with_suffix(f".{share:g}.onnx")
         epochs = asked.epochs or max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // len(some)))
         command = asked.command("parts", epochs=epochs)
         facts = train_parts(some, product, floor_m, out, asked.seed, epochs=epochs, command=command, quiet=False)
         scores = beside(asked, "parts", out, kept, some)
-        told[f"map_50 of {len(some)} pictures"] = scores["map_50"]
+        figures[f"map_50 of {len(some)} pictures"] = scores["map_50"]
     console().print(NO_POSES, highlight=False)
-    return {**facts, **{f"boxes of {part}": seen[part] for part in seen}, **(told if asked.curve else {}), **scores}
+    return {**facts, **{f"boxes of {part}": seen[part] for part in seen}, **(figures if asked.curve else {}), **scores}
 
 
 def faster_rcnn(asked: Training, scenes: Sequence[Scene], product: Product, weights: Path) -> Scores:
@@ -196,10 +196,10 @@ def beside(
     configuration, product = asked.cell()
     some = kept or learned[:: max(1, len(learned) // MOST_COMPARED)]
     found = Scorer(configuration, product, task, asked.kind, weights).scores(some[:MOST_COMPARED])
-    told = {name: found[name] for name in (MEASURES[task], f"{MEASURES[task]}{CLASSICAL}")}
+    fields = {name: found[name] for name in (MEASURES[task], f"{MEASURES[task]}{CLASSICAL}")}
     if kept:
-        note_scores(weights, told)
-    return told
+        note_scores(weights, fields)
+    return fields
 
 
 def stacks(
@@ -222,9 +222,9 @@ def stacks(
         console().print("nothing lies on anything in these data: what tells of stacks is not trained", highlight=False)
         return {}
     model = OnnxModel.load(centre, CENTRE_KIND)
-    told = command or model.card.command
+    command_line = command or model.card.command
     settings = StackTraining(epochs=epochs)
-    return train_stacked(scenes, product, floor_m, model, out, asked.seed, settings, command=told, quiet=False)
+    return train_stacked(scenes, product, floor_m, model, out, asked.seed, settings, command=command_line, quiet=False)
 
 
 def centre_net(stacked: Path) -> Path:
@@ -264,8 +264,8 @@ def actions(asked: Training, weights: Path) -> Scores:
         command=command,
         quiet=False,
     )
-    told = OnnxModel.load(weights, f"actions.{asked.kind}").card.config["confusion"]
-    counts = np.array(told["counts"])  # type: ignore[call-overload, index]
+    confusion = OnnxModel.load(weights, f"actions.{asked.kind}").card.config["confusion"]
+    counts = np.array(confusion["counts"])  # type: ignore[call-overload, index]
     save_confusions(confusions_of(weights), product, Classes.of(product).reports(counts), command)
     commonest = float(np.bincount(kept.classes).max()) / len(kept)
     return {**scores, f"accuracy{TRIVIAL}": round(commonest, 4)}

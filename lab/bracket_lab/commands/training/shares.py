@@ -80,8 +80,8 @@ def made(
         of_share = max(1, round(share.share * count)) if not piece else round(share.share * count)
         for first in range(0, of_share, piece or of_share):
             end = min(first + (piece or of_share), of_share)
-            told = [*["physics"] * share.physics, *[share.tracker or ""] * bool(share.tracker)]
-            name = "-".join([Path(share.look).stem, *told, *[f"{first:06d}"] * bool(piece)])
+            details = [*["physics"] * share.physics, *[share.tracker or ""] * bool(share.tracker)]
+            name = "-".join([Path(share.look).stem, *details, *[f"{first:06d}"] * bool(piece)])
             of_seeds = {"--look": share.look, "--seeds": f"{share.first_seed + first}:{share.first_seed + end}"}
             given = {**of_seeds, **(options or {}), "--config": asked.config}
             wanted[weights.with_suffix(".data") / name] = given, (*flags, *share.flags)

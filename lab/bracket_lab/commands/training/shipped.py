@@ -197,8 +197,8 @@ def _do(step: Step, out: Path, config: Path, rows: RowStore, place: str, trainin
     say(f"{place}: {step.command}", highlight=False)
     words = [*step.words, "--overwrite", "--config", str(config), "--out", str(out / step.files[0])]
     began_s, said = time.monotonic(), (out / step.files[0]).with_suffix(".txt")
-    with said.open("w") if quiet else nullcontext() as told:
-        status = trainings.run([sys.executable, "-m", "bracket_cell", HIDDEN, *words], told)
+    with said.open("w") if quiet else nullcontext() as output:
+        status = trainings.run([sys.executable, "-m", "bracket_cell", HIDDEN, *words], output)
     if status:
         why = f" (see {said})" if quiet else ""
         raise InputError(f"`{step.command}` ended with status {status}{why}; the same command goes on there")
@@ -219,8 +219,8 @@ def _note_latencies(configuration: Configuration, config: Path, out: Path) -> No
     found = latencies_ms(simulated(trained, "varied"), product, LATENCY_FRAMES, LATENCY_TRAYS, LATENCY_SEED)
     noted = answers_ms(found)
     note_latencies(trained.perception, noted)
-    told = ", ".join(f"{name} {value} ms" for name, value in noted.items())
-    console().print(f"an answer takes (95 %): {told}", highlight=False)
+    text = ", ".join(f"{name} {value} ms" for name, value in noted.items())
+    console().print(f"an answer takes (95 %): {text}", highlight=False)
 
 
 def _words(seconds: float) -> str:

@@ -89,8 +89,8 @@ class Training:
         words = []
         for field in fields(self):
             value = epochs if field.name == "epochs" else getattr(self, field.name)
-            told = field.name == "seed" or value != field.default
-            if field.name in NOT_OF_THE_NETWORK or not told or value in (None, "", (), []):
+            given = field.name == "seed" or value != field.default
+            if field.name in NOT_OF_THE_NETWORK or not given or value in (None, "", (), []):
                 continue
             if field.name == "kind" and name in ONE_KIND:
                 continue

@@ -277,15 +277,15 @@ def write_data(asked: Data, *, name: str, film: Film | None) -> None:
 
 def _command(name: str, asked: Data) -> str:
     """What makes the same data again."""
-    told = [f"--look {asked.look} --seeds {asked.seeds}"]
-    told += [f"--person {asked.person}"] if "person" in DATA_SETS[name].options else []
+    lines = [f"--look {asked.look} --seeds {asked.seeds}"]
+    lines += [f"--person {asked.person}"] if "person" in DATA_SETS[name].options else []
     for option in ("steel_share", *DATA_SETS[name].options):
         value = getattr(asked, option)
         if option == "person" or not value:
             continue
         shown = "" if value is True else f" {value}" if isinstance(value, str) else f" {value:g}"
-        told.append(f"--{option.replace('_', '-')}{shown}")
-    return f"cell lab data {name} {' '.join(told)}"
+        lines.append(f"--{option.replace('_', '-')}{shown}")
+    return f"cell lab data {name} {' '.join(lines)}"
 
 
 def _piece(make: One, seed: int) -> tuple[DataPiece, float | None]:

@@ -99,12 +99,12 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for kind in KINDS:
         of_kind = [row for row in rows if row["kind"] == kind]
         for control in (*CONTROLS, COMMONEST):
-            told = [row[control or "told"] for row in of_kind if (control or "told") in row]
-            if not told:
+            counts = [row[control or "told"] for row in of_kind if (control or "told") in row]
+            if not counts:
                 continue
-            line: dict[str, Any] = {"kind": kind, "control": control, "splits": len(told)}
+            line: dict[str, Any] = {"kind": kind, "control": control, "splits": len(counts)}
             for name in MEASURES:
-                mean, half = student([row[name][0] / max(1, row[name][1]) for row in told])
+                mean, half = student([row[name][0] / max(1, row[name][1]) for row in counts])
                 line[name] = [round(mean, 4), round(half, 4)]
             found.append(line)
     return found

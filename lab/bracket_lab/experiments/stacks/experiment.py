@@ -54,7 +54,7 @@ class Study:
 
     def cells(self, counts: Sequence[int], kinds: Sequence[str] = (*LEARNED, *RULES)) -> list[Cell]:
         """Every planner on true and on detected boxes; for several numbers of classes (Fig. 18) on true ones alone."""
-        told = {
+        fields = {
             "data": data_hash(self.data),
             "detector_of": data_hash(self.detector_data),
             "settings": self.settings.model_dump(mode="json"),
@@ -66,7 +66,7 @@ class Study:
                 for boxes in BOXES if len(counts) == 1 else BOXES[:1]:
                     if kind == "topmost" and (boxes == "detected" or not self._heights_known):
                         continue  # heights are of true boxes, in data that tell them
-                    key = {"planner": kind, "boxes": boxes, "classes": count, "of": list(counts), **told}
+                    key = {"planner": kind, "boxes": boxes, "classes": count, "of": list(counts), **fields}
                     cells.append(Cell(key, partial(_measure, self, kind, boxes, count, tuple(counts))))
         return cells
 
@@ -168,8 +168,8 @@ def _file(study: Study, name: str) -> Path:
     """Where the detector is kept, or what it tells of these data."""
     data = study.detector_data
     schedule = study.settings.fit_to(len(data.trainval)).detector
-    told = f"{data_hash(data)} {study.settings.share:g} {schedule.model_dump_json()} {study.seed}"
-    folder = study.folder / hashlib.sha256(told.encode()).hexdigest()[:12]
+    text = f"{data_hash(data)} {study.settings.share:g} {schedule.model_dump_json()} {study.seed}"
+    folder = study.folder / hashlib.sha256(text.encode()).hexdigest()[:12]
     return folder / name if name == DETECTOR or data is study.data else folder / data_hash(study.data) / name
 
 

@@ -26,8 +26,8 @@ class PairLayer(nn.Module):
         """(pairs, hidden) of the pairs that are there (b, n, n)."""
         scene, i, j = there.nonzero(as_tuple=True)
         both = self.first(batch.regions)[scene, i] + self.second(batch.regions)[scene, j]
-        told: Tensor = both + self.union(batch.unions[scene, i, j])
-        return told
+        joined: Tensor = both + self.union(batch.unions[scene, i, j])
+        return joined
 
 
 class Vmrn(nn.Module):
@@ -111,8 +111,8 @@ class PointerNet(nn.Module):
         count, there = batch.present.shape[1], pairs_there(batch).float()
         x = torch.relu(self.node(torch.cat([self.short(batch.regions), batch.labels, batch.boxes], dim=-1)))
         first = x[:, :, None].expand(-1, -1, count, -1)
-        told = [first, first.transpose(1, 2), self.short_union(batch.unions), batch.pairs]
-        pair = self.pair(torch.cat(told, dim=-1)) * there[..., None]
+        facts = [first, first.transpose(1, 2), self.short_union(batch.unions), batch.pairs]
+        pair = self.pair(torch.cat(facts, dim=-1)) * there[..., None]
         for own, sent in zip(self.own, self.sent, strict=True):
             message = sent(torch.cat([x[:, None].expand(-1, count, -1, -1), pair], dim=-1))
             x = torch.relu(own(x) + (torch.relu(message) * there[..., None]).sum(2)) * batch.present[..., None]
@@ -194,8 +194,8 @@ class WordNet(nn.Module):
 
     def nodes(self, batch: Batch, flags: Tensor) -> Tensor:
         """v_i, and the box (b, n, features)."""
-        told = [batch.labels, flags[..., None], batch.boxes, self.short(batch.regions)]
-        return torch.cat(told, dim=-1) * batch.present[..., None]
+        facts = [batch.labels, flags[..., None], batch.boxes, self.short(batch.regions)]
+        return torch.cat(facts, dim=-1) * batch.present[..., None]
 
 
 def relation_loss(logits: Tensor, batch: Batch, answers: Answers) -> Tensor:

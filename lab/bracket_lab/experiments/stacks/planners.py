@@ -147,9 +147,9 @@ class Wording:
         flags[0, required] = 1.0
         with torch.no_grad():
             nodes = self._network.nodes(batch, flags)
-            both, verdicts, told = self._network.net.encode(nodes, batch.weights, batch.present)
+            both, verdicts, states = self._network.net.encode(nodes, batch.weights, batch.present)
             others = (batch.labels[0].sum(0) - batch.labels[0, required])[None]
-            words = self._network.net.decoder.greedy(told, both[:, required], batch.present, others)[0].tolist()
+            words = self._network.net.decoder.greedy(states, both[:, required], batch.present, others)[0].tolist()
         graspable = float(torch.sigmoid(verdicts[0, required]))
         if graspable >= 0.5:
             return plan_of(view, graspable, [])
@@ -212,12 +212,12 @@ def _word_loss(network: WordNet, batch: Batch, answers: Answers) -> Tensor:
     """Cross-entropy of all verdicts, and of the words about one object at random of each picture."""
     chosen = torch.multinomial(batch.present, 1)
     flags = torch.zeros_like(batch.present).scatter(1, chosen, 1.0)
-    both, verdicts, told = network.net.encode(network.nodes(batch, flags), batch.weights, batch.present)
+    both, verdicts, states = network.net.encode(network.nodes(batch, flags), batch.weights, batch.present)
     there, rows = batch.present > 0, torch.arange(len(chosen))
     of_nodes = nn.functional.binary_cross_entropy_with_logits(verdicts[there], answers.graspable[there])
     asked = chosen[:, 0]
     words = _sentences(answers.order[rows, asked], batch)
-    scores = network.net.decoder.forced(told, both[rows, asked], batch.present, words)
+    scores = network.net.decoder.forced(states, both[rows, asked], batch.present, words)
     said = nn.functional.cross_entropy(scores.transpose(1, 2), words, reduction="none").sum(1).mean()
     return of_nodes + said
 

@@ -158,11 +158,11 @@ def inputs_of(
     tracks, crops = [], np.zeros((len(chosen), 2, CROP_PX, CROP_PX, 3), np.uint8)
     variation = variation or Variation()
     for row, number in enumerate(chosen):
-        told = segments.tracks_m[number]
+        track = segments.tracks_m[number]
         if rng is not None:
-            told = varied_track(told, reader, rng, variation)
-        at_hole = last_at_hole(told[1:, TIPS], reader.holes_m)
-        tracks.append(reader.track(told, float(segments.before_s[number]), at_hole))
+            track = varied_track(track, reader, rng, variation)
+        at_hole = last_at_hole(track[1:, TIPS], reader.holes_m)
+        tracks.append(reader.track(track, float(segments.before_s[number]), at_hole))
         if rng is not None and rng.random() < variation.blank:
             continue
         camera = None if rng is None else OtherCamera.drawn(rng, variation)

@@ -76,16 +76,16 @@ def train_actions(
     some = asked(kind, validation, np.arange(min(8, len(validation))), reader)
     samples: list[Inputs] = [{name: values[:2] for name, values in some.items()}, some]
 
-    told: dict[str, JsonValue] = {}
+    facts: dict[str, JsonValue] = {}
 
     def score() -> dict[str, float]:
         written = OnnxModel.load(out, recipe.kind)
         posterior, _ = answers(written, validation, reader, noise_seed=0)
         counts = confusion(validation, posterior, task.classes).tolist()
-        told["confusion"] = {"classes": list(task.classes.names), "counts": counts}
+        facts["confusion"] = {"classes": list(task.classes.names), "counts": counts}
         return class_scores(validation, posterior, task.classes) | latencies(times_s(written, validation, reader))
 
-    return recipe.write(asked_for, OUTPUTS, samples, score, any_rows=True, told=told)
+    return recipe.write(asked_for, OUTPUTS, samples, score, any_rows=True, told=facts)
 
 
 def action_recipe(

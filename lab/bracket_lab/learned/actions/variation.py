@@ -57,22 +57,22 @@ class Variation:
     covered: float = 0.1
 
 
-def varied_track(told: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation) -> Array:
+def varied_track(track: Array, reader: SegmentReader, rng: np.random.Generator, variation: Variation) -> Array:
     """As a tracker and a camera that hangs elsewhere could have told it."""
     middle_m = reader.holes_m.mean(axis=0)
     times = WORSE_TIMES if rng.random() < variation.worse else 1.0
     scale, bias = rng.normal(1.0, variation.scale), rng.normal(0.0, variation.bias_m * times, 2)
     each = [variation.noise_m] * 4 + [variation.height_noise_m, variation.opening_noise_m]
-    varied = told + rng.normal(0.0, 1.0, told.shape) * each
+    varied = track + rng.normal(0.0, 1.0, track.shape) * each
     for columns in (TIPS, PALM):
         varied[:, columns] = (varied[:, columns] - middle_m) * scale + middle_m + bias
     slow = np.array([variation.drift_m * times] * 4 + [variation.height_drift_m, variation.opening_drift_m])
     knots = rng.normal(0.0, slow, (DRIFT_KNOTS, len(slow)))
-    at = np.linspace(0, DRIFT_KNOTS - 1, len(told))
+    at = np.linspace(0, DRIFT_KNOTS - 1, len(track))
     varied += np.stack([np.interp(at, np.arange(DRIFT_KNOTS), column) for column in knots.T], axis=1)
     varied[:, HEIGHT] += rng.normal(0.0, variation.height_bias_m)
     varied[:, OPENING] += rng.normal(0.0, variation.opening_bias_m)
-    varied[rng.random(len(told)) < variation.lost] = np.nan
+    varied[rng.random(len(track)) < variation.lost] = np.nan
     if rng.random() < variation.flat:
         varied[:, [HEIGHT, OPENING]] = np.nan
     return varied

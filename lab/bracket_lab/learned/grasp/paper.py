@@ -97,14 +97,14 @@ class PaperNet(nn.Module):
         graph = x.sum(1) / present.sum(1, keepdim=True)
         both = torch.cat([x, graph[:, None].expand_as(x)], dim=-1)
         verdicts: Tensor = self.head(both).squeeze(-1)
-        told = torch.cat([x, nodes[..., : self.types], torch.sigmoid(verdicts)[..., None]], dim=-1)
-        return both, verdicts, told
+        states = torch.cat([x, nodes[..., : self.types], torch.sigmoid(verdicts)[..., None]], dim=-1)
+        return both, verdicts, states
 
     def forward(self, nodes: Tensor, weights: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         """Logit (b,) that node 0 is graspable (Eq. 6), and word numbers (b, MAX_WORDS) of its solution."""
-        both, verdicts, told = self.encode(nodes, weights, present)
+        both, verdicts, states = self.encode(nodes, weights, present)
         others = (nodes[:, 1:, : self.types] * present[:, 1:, None]).sum(1)
-        return verdicts[:, 0], self.decoder.greedy(told, both[:, 0], present, others)
+        return verdicts[:, 0], self.decoder.greedy(states, both[:, 0], present, others)
 
 
 class Decoder(nn.Module):
@@ -122,29 +122,29 @@ class Decoder(nn.Module):
         self.word = nn.Linear(hidden + self.wide, self.words)
         self.register_buffer("grammar", torch.tensor(grammar(types), dtype=torch.float32), persistent=False)
 
-    def forced(self, told: Tensor, asked: Tensor, present: Tensor, words: Tensor) -> Tensor:
+    def forced(self, states: Tensor, asked: Tensor, present: Tensor, words: Tensor) -> Tensor:
         """Word logits (b, MAX_WORDS, words) about parts with embeddings (b, 2 hidden), with teacher forcing."""
-        keys, state = self.key(told), self._start(asked)
+        keys, state = self.key(states), self._start(asked)
         previous = torch.full_like(words[:, 0], self.words)
         logits = []
         for step in range(MAX_WORDS):
-            scores, state = self._step(previous, told, keys, present, state)
+            scores, state = self._step(previous, states, keys, present, state)
             logits.append(scores)
             previous = words[:, step]
         return torch.stack(logits, dim=1)
 
-    def greedy(self, told: Tensor, asked: Tensor, present: Tensor, others: Tensor) -> Tensor:
+    def greedy(self, states: Tensor, asked: Tensor, present: Tensor, others: Tensor) -> Tensor:
         """The likeliest word at each step (b, MAX_WORDS) among those that grammar and scene allow.
 
         Args:
             others: (b, types) how many parts of each type there are beside the one that is asked about.
         """
-        keys, state = self.key(told), self._start(asked)
+        keys, state = self.key(states), self._start(asked)
         previous = torch.full((len(asked),), self.words, dtype=torch.long)
         left = nn.functional.pad(others, (FIRST_TYPE, 0), value=float(MAX_WORDS + 1))
         words = []
         for _ in range(MAX_WORDS):
-            scores, state = self._step(previous, told, keys, present, state)
+            scores, state = self._step(previous, states, keys, present, state)
             missing = (left < 0.5).to(scores.dtype) * _IMPOSSIBLE
             previous = (scores + self.grammar[previous] + missing).argmax(-1)
             left = left - nn.functional.one_hot(previous, self.words).to(left.dtype)
@@ -156,16 +156,16 @@ class Decoder(nn.Module):
         return hidden, torch.zeros_like(hidden)
 
     def _step(
-        self, previous: Tensor, told: Tensor, keys: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
+        self, previous: Tensor, states: Tensor, keys: Tensor, present: Tensor, state: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        context = self._context(state[0], told, keys, present)
+        context = self._context(state[0], states, keys, present)
         hidden, memory = self.cell(torch.cat([self.embedding(previous), context], dim=-1), state)
         return self.word(torch.cat([hidden, context], dim=-1)), (hidden, memory)
 
-    def _context(self, hidden: Tensor, told: Tensor, keys: Tensor, present: Tensor) -> Tensor:
+    def _context(self, hidden: Tensor, states: Tensor, keys: Tensor, present: Tensor) -> Tensor:
         energy = (keys * hidden[:, None]).sum(-1)
         attention = torch.softmax(energy + (1 - present) * _IMPOSSIBLE, dim=-1)
-        return (attention[..., None] * told).sum(1)
+        return (attention[..., None] * states).sum(1)
 
 
 @dataclass(frozen=True)
@@ -201,10 +201,10 @@ class GraphData:
         flags = (torch.rand(present.shape) < 0.5).float() * present
         flags[:, 0] = torch.where(flags.sum(1) == 0, torch.ones(()), flags[:, 0])
         nodes = self._turned(chosen, flags, net)
-        both, verdicts, told = net.encode(nodes, self.weights[chosen], present)
+        both, verdicts, states = net.encode(nodes, self.weights[chosen], present)
         scene, part = torch.nonzero(flags, as_tuple=True)
         words = self.words[chosen][scene, part]
-        scores = net.decoder.forced(told[scene], both[scene, part], present[scene], words)
+        scores = net.decoder.forced(states[scene], both[scene, part], present[scene], words)
         of_nodes = nn.functional.binary_cross_entropy_with_logits(
             verdicts, self.graspable[chosen], weight=present, reduction="sum"
         )

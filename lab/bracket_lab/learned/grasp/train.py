@@ -159,8 +159,8 @@ def train_grasp(
     else:
         catalogue, (learned, test) = product, split_by_run(scenes, seed)
         split = f"{len(learned)} given scenes; scores on {len(test)} others of them, of other runs"
-    told = command or f"train_grasp(kind={kind!r}, seed={seed})"
-    task = Task(out=out, seed=seed, command=told, quiet=quiet)
+    words = command or f"train_grasp(kind={kind!r}, seed={seed})"
+    task = Task(out=out, seed=seed, command=words, quiet=quiet)
     recipe = replace(grasp_recipe(learned, catalogue, settings, task, camera=camera), more={"split": split})
     recipe = replace(recipe, vocabulary=vocabulary_of(product))
     recipe.fit(task)

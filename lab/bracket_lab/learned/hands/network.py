@@ -122,19 +122,19 @@ class Reader(nn.Module):
     def forward(self, region: Tensor, around: Tensor, place: Tensor) -> Read:
         deep, fine, heat, surroundings = self.maps(region, around)
         points, facts = self.tell(deep, fine, heat, surroundings, place)
-        told = split_facts(facts)
-        likely = torch.sigmoid(told.likely)
+        facts_of = split_facts(facts)
+        likely = torch.sigmoid(facts_of.likely)
         return Read(
             likely[:, 0],
             likely[:, 1],
             likely[:, 2],
             points,
-            told.box,
-            told.heights_m,
-            told.height_errors_m,
-            told.log_angle,
-            told.angle_error,
-            torch.softmax(told.held, dim=1),
+            facts_of.box,
+            facts_of.heights_m,
+            facts_of.height_errors_m,
+            facts_of.log_angle,
+            facts_of.angle_error,
+            torch.softmax(facts_of.held, dim=1),
         )
 
 

@@ -73,9 +73,9 @@ class Refiner(nn.Module):
         points = soft_argmax(maps.heat)
         where = [F.relu(maps.coarse).flatten(1), F.relu(maps.detail).flatten(1), points.flatten(1)]
         seen = [maps.mean, *where, log_distances(points), attended(maps.heat, maps.fine), place]
-        told = self.size(torch.cat(seen, dim=1))
-        error = USUAL_ERROR * torch.exp(told[:, 1].clamp(-2.5, 4.0))
-        return Refined(points, USUAL_RATIO * told[:, 0], error)
+        size = self.size(torch.cat(seen, dim=1))
+        error = USUAL_ERROR * torch.exp(size[:, 1].clamp(-2.5, 4.0))
+        return Refined(points, USUAL_RATIO * size[:, 0], error)
 
     def forward(self, closeup: Tensor, place: Tensor) -> Refined:
         return self.tell(self.maps(closeup), place)

@@ -66,11 +66,11 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
         seen = network.maps(batch["region"], batch["around"])
     deep, fine, heat, around = (layer.float() for layer in seen)
     points, facts = network.tell(deep, fine, heat, around, batch["place"])
-    told = split_facts(facts)
+    split = split_facts(facts)
     hand = batch["facts"][:, 0] > 0
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2) & hand[:, None]
     wanted = torch.nan_to_num(batch["points"])
-    likely = F.binary_cross_entropy_with_logits(told.likely, torch.nan_to_num(batch["facts"]), reduction="none")
+    likely = F.binary_cross_entropy_with_logits(split.likely, torch.nan_to_num(batch["facts"]), reduction="none")
     typed = hand & batch["paint"] & (batch["held"] >= 0)
     sized, raised = hand & ~batch["angle"].isnan(), hand & ~batch["heights"].isnan().any(dim=1)
     sided = hand & ~batch["facts"][:, 1].isnan()
@@ -79,13 +79,13 @@ def reader_loss(network: Reader, batch: Mapping[str, Tensor]) -> Tensor:
     terms = {
         "points": _mean((points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(heat_target(wanted) * F.log_softmax(heat.flatten(2), dim=2)).sum(dim=2), known),
-        "box": _mean((told.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
-        "heights": _mean(unlikely(told.heights_m - batch["heights"], told.height_errors_m).mean(dim=1), raised),
-        "angle": _mean(unlikely(told.log_angle - batch["angle"], told.angle_error), sized),
+        "box": _mean((split.box - batch["box"].clamp(-0.2, 1.2)).abs().mean(dim=1), hand),
+        "heights": _mean(unlikely(split.heights_m - batch["heights"], split.height_errors_m).mean(dim=1), raised),
+        "angle": _mean(unlikely(split.log_angle - batch["angle"], split.angle_error), sized),
         "present": likely[:, 0].mean(),
         "side": _mean(likely[:, 1], sided),
         "acting": _mean(likely[:, 2], hand),
-        "held": _mean(F.cross_entropy(told.held, held, reduction="none") * _rarity(held), typed),
+        "held": _mean(F.cross_entropy(split.held, held, reduction="none") * _rarity(held), typed),
     }
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 
@@ -95,14 +95,14 @@ def refiner_loss(network: Refiner, batch: Mapping[str, Tensor]) -> Tensor:
     with short_numbers():  # points and sizes need more digits than what is seen
         seen = network.maps(batch["closeup"])
     maps = Maps(*(layer.float() for layer in seen))
-    told = network.tell(maps, batch["place"])
+    answers = network.tell(maps, batch["place"])
     wanted = torch.nan_to_num(batch["points"])
     known = ((batch["points"] > 0) & (batch["points"] < 1)).all(dim=2)
     target = heat_target(wanted, maps.heat.shape[-1])
     terms = {
-        "points": _mean((told.points - wanted).abs().sum(dim=2), known),
+        "points": _mean((answers.points - wanted).abs().sum(dim=2), known),
         "heat": _mean(-(target * F.log_softmax(maps.heat.flatten(2), dim=2)).sum(dim=2), known),
-        "angle": unlikely(told.log_ratio - batch["ratio"], told.error).mean(),
+        "angle": unlikely(answers.log_ratio - batch["ratio"], answers.error).mean(),
     }
     return torch.stack([WEIGHTS[name] * term for name, term in terms.items()]).sum()
 

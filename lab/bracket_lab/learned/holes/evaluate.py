@@ -91,7 +91,7 @@ class HoleFindings:
 
     def scores(self) -> dict[str, float]:
         """By name, shares with the ends of their intervals."""
-        told: dict[str, float] = {"holes": float(self.bare), "filled": float(self.filled)}
+        figures: dict[str, float] = {"holes": float(self.bare), "filled": float(self.filled)}
         for name, right, count in (
             ("said", self.said, self.bare),
             ("right_where_said", self.right, self.said),
@@ -103,14 +103,14 @@ class HoleFindings:
             ("covered_wrong", self.covered_wrong, self.covered),
         ):
             if count:
-                told[name] = right / count
-                told[f"{name}_low"], _, told[f"{name}_high"] = wilson(right, count)
+                figures[name] = right / count
+                figures[f"{name}_low"], _, figures[f"{name}_high"] = wilson(right, count)
         if self.upright_said:
-            told["upright_n"] = float(self.upright_said)
+            figures["upright_n"] = float(self.upright_said)
         if self.seconds:
             for percent in (50, 95):
-                told[f"processor_ms_p{percent}"] = float(np.percentile(self.seconds, percent)) * 1e3
-        return told
+                figures[f"processor_ms_p{percent}"] = float(np.percentile(self.seconds, percent)) * 1e3
+        return figures
 
 
 def evaluate_holes(frames: Sequence[Plate], read: Read, findings: HoleFindings) -> None:

@@ -146,10 +146,10 @@ def train_holes(
     wanted = np.where(shares.argmax(axis=1) == 0, least[LEAST_EMPTY], least[LEAST_FILLED])
     said = (shares.max(axis=1) >= wanted)[bare]
     scores = validation_scores(said, (shares.argmax(axis=1) == truth.numpy())[bare])
-    told = {**least, LEAST_UPRIGHT: straight, "temperature": temperature}
+    thresholds = {**least, LEAST_UPRIGHT: straight, "temperature": temperature}
     rng = np.random.default_rng(0)
     samples = [{"crops": rng.uniform(-0.5, 0.5, (n, 3, CROP_PX, CROP_PX)).astype(np.float32)} for n in (6, 1, 9)]
-    written = replace(recipe, more=told, data_sha256=data_hash(plates))
+    written = replace(recipe, more=thresholds, data_sha256=data_hash(plates))
     return written.write(
         task, OUTPUTS, samples, lambda: scores, answer=HoleAnswer(cast(HoleNet, network), temperature), any_rows=True
     )

@@ -55,24 +55,24 @@ class Findings:
             if count
         }
         types = [precisions[name] for name in product.parts if name in precisions]
-        told: dict[str, float] = {"things": float(sum(self.things.values())), "standing": float(self.standing)}
+        out: dict[str, float] = {"things": float(sum(self.things.values())), "standing": float(self.standing)}
         if types:
-            told["map_50"] = float(np.mean([each[0] for each in types]))
-            told["map_50_95"] = float(np.mean(types))
+            out["map_50"] = float(np.mean([each[0] for each in types]))
+            out["map_50_95"] = float(np.mean(types))
         if UNKNOWN in precisions:
-            told["ap_50_unknown"] = precisions[UNKNOWN][0]
+            out["ap_50_unknown"] = precisions[UNKNOWN][0]
         if self.postures[1]:
-            told["posture"], told["posture_n"] = self.postures[0] / self.postures[1], float(self.postures[1])
+            out["posture"], out["posture_n"] = self.postures[0] / self.postures[1], float(self.postures[1])
         if self.standing:
-            told["missed"], told["extra"] = self.missed / self.standing, self.extra / self.standing
+            out["missed"], out["extra"] = self.missed / self.standing, self.extra / self.standing
         for name, values, unit in (
             ("position_mm", self.position_m, 1e3),
             ("yaw_deg", self.yaw_rad, 180 / math.pi),
             ("processor_ms", self.seconds, 1e3),
         ):
             if values:
-                told[f"{name}_p50"], told[f"{name}_p95"] = (float(np.percentile(values, p)) * unit for p in (50, 95))
-        return told
+                out[f"{name}_p50"], out[f"{name}_p95"] = (float(np.percentile(values, p)) * unit for p in (50, 95))
+        return out
 
 
 def together(some: Sequence[Findings]) -> Findings:
@@ -99,11 +99,11 @@ def intervals(each: Sequence[Findings], product: Product) -> dict[str, float]:
         together([each[index] for index in rng.integers(len(each), size=len(each))]).scores(product)
         for _ in range(DRAWS)
     ]
-    told: dict[str, float] = {}
+    figures: dict[str, float] = {}
     for name in SHARES:
         if drawn := [scores[name] for scores in draws if name in scores]:
-            told[f"{name}_low"], told[f"{name}_high"] = (float(end) for end in np.percentile(drawn, INTERVAL))
-    return told
+            figures[f"{name}_low"], figures[f"{name}_high"] = (float(end) for end in np.percentile(drawn, INTERVAL))
+    return figures
 
 
 def evaluate_parts(scenes: Sequence[Scene], detector: PartDetector, product: Product, findings: Findings) -> None:
@@ -137,7 +137,7 @@ def _matched(
     own: Sequence[PartDetection], labels: Sequence[Label], least: float, findings: Findings, level: int
 ) -> list[tuple[float, bool]]:
     """The surest answer takes the best box first; one that meets something hardly seen does not count."""
-    free, told = list(labels), []
+    free, scored = list(labels), []
     for detection in own:
         best = max(free, key=lambda label: overlap(np.array(detection.box_px, float), label.box_px), default=None)
         right = best is not None and overlap(np.array(detection.box_px, float), best.box_px) >= least
@@ -148,8 +148,8 @@ def _matched(
                 findings.postures[1] += 1
             if best.shown < LEAST_SHOWN:
                 continue
-        told.append((detection.confidence, right))
-    return told
+        scored.append((detection.confidence, right))
+    return scored
 
 
 def _poses(labels: Sequence[Label], answers: Sequence[PartDetection], alike: bool, findings: Findings) -> None:

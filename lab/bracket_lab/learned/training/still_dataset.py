@@ -64,11 +64,11 @@ def load_stills(
 
 def data_hash(stills: Sequence[Still]) -> str:
     """Hash of images and labels."""
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for still in stills:
-        told.update(still.image.tobytes())
-        told.update(repr([value for name, value in vars(still).items() if name != "image"]).encode())
-    return told.hexdigest()
+        digest.update(still.image.tobytes())
+        digest.update(repr([value for name, value in vars(still).items() if name != "image"]).encode())
+    return digest.hexdigest()
 
 
 def split(stills: Sequence[OneStill], share: float, seed: int) -> tuple[list[OneStill], list[OneStill]]:

@@ -157,6 +157,6 @@ def completed(found: Reading, closer: RegionReader, image: Image) -> Reading:
         if float(np.linalg.norm(seen.centre_px - found.centre_px)) < NEAR_PX:
             held = {"held": seen.points_px["held"]} if "held" in seen.points_px else {}
             points = {**found.points_px, **held}
-            told = replace(found, points_px=points, heights_m=seen.heights_m, held_part=seen.held_part, size=seen.size)
-            return replace(told, acting=seen.acting) if seen.confidence >= SURE else told
+            hand = replace(found, points_px=points, heights_m=seen.heights_m, held_part=seen.held_part, size=seen.size)
+            return replace(hand, acting=seen.acting) if seen.confidence >= SURE else hand
     return found

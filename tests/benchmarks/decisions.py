@@ -145,7 +145,7 @@ def assemble(
         asked = answers and state.told_goal is None and guard.asks_for_goal(plan, state)
         if asked:
             known = zip(layout.goals, layout.types.tolist(), strict=True)
-            state = state.told(next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL))
+            state = state.with_goal(next((goal for goal, row in known if row == types.tolist()), UNKNOWN_GOAL))
             plan = planner.plan(state)
         holes = {
             at: HoleView(None if part == EMPTY else "", 1.0, 0.0)

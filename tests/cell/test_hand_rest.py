@@ -41,7 +41,7 @@ def cost_s(bracket_y_m: float) -> float:
     x, _, z = BENCH.bracket.position_m
     bracket = BENCH.bracket.model_copy(update={"position_m": (x, bracket_y_m, z)})
     bench = BENCH.model_copy(update={"bracket": bracket})
-    told = " ".join(BenchView(bench, PRODUCT, MotionPlanner(PRODUCT, bench, motion_planner().settings)).told)
+    told = " ".join(BenchView(bench, PRODUCT, MotionPlanner(PRODUCT, bench, motion_planner().settings)).remarks)
     whole, *legs = map(float, re.findall(r"[\d.]+(?= s)", told[told.index("a part costs") :])[:4])
     assert whole == pytest.approx(sum(legs), abs=0.11)
     return whole

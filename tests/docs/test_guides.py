@@ -51,7 +51,7 @@ def test_the_look_pose_that_the_guide_leaves_out_shows_the_whole_tray(done: tupl
     path = done[1] / "config" / "cell.yaml"
     cell = load_configuration(path)
     motion = MotionPlanner(load_product(cell, path), cell.bench, cell.motion)
-    assert "the wrist camera sees the whole tray" in BenchView(cell.bench, motion.product, motion).told
+    assert "the wrist camera sees the whole tray" in BenchView(cell.bench, motion.product, motion).remarks
 
 
 @pytest.mark.parametrize("protocol", [Arm, Camera, Gripper, Panel, Clock], ids=lambda protocol: protocol.__name__)

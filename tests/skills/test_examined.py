@@ -141,7 +141,7 @@ Gripper = tuple[IdealFingers, ModbusTwin, Registers, AnsweredClock]
 
 
 def of_gripper(gripper: Gripper, **more: Any) -> list[str]:
-    settings = RobotiqModbusSettings(**{"port": gripper[1].told.split()[-1], **more})
+    settings = RobotiqModbusSettings(**{"port": gripper[1].banner.split()[-1], **more})
     return [check.remedy for check in robotiq.examine(settings) if check.remedy]
 
 

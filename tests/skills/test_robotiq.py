@@ -231,7 +231,7 @@ def test_nobody_at_the_other_end(tmp_path: Path) -> None:
 def test_pymodbus_reads_and_writes_the_twin(adapter: Rig) -> None:
     adapter.gripper.close()
     assert isinstance(adapter.twin, ModbusTwin)
-    client = ModbusSerialClient(adapter.twin.told.split()[-1], baudrate=115_200, timeout=1.0)
+    client = ModbusSerialClient(adapter.twin.banner.split()[-1], baudrate=115_200, timeout=1.0)
     assert client.connect()
     assert client.write_registers(0x03E8, [0x0900, 0x00FF, 0xFFFF], device_id=9).registers == []
     assert client.write_register(0x03E9, 0x0010, device_id=9).registers == [0x0010]

@@ -198,12 +198,12 @@ def test_an_exchange_that_alone_tells_two_products_apart_is_not_acted_on() -> No
     verdict = guard.judge(plan, swapped, EMPTY, may_ask=False, **sure)  # type: ignore[arg-type]
     assert (verdict.decision, verdict.reason) == ("wait", "this fitted g0 before a person exchanged p1")
     assert guard.judge(plan, swapped, EMPTY, **{**sure, "waited_s": 1e3}).decision == "ask"  # type: ignore[arg-type]
-    assert guard.judge(plan, swapped.told("g1"), EMPTY, **sure).decision == "act"  # type: ignore[arg-type]
+    assert guard.judge(plan, swapped.with_goal("g1"), EMPTY, **sure).decision == "act"  # type: ignore[arg-type]
     whole = replace(swapped, placed=dict(zip(PRODUCT.positions, goals["g1"], strict=True)))
     assert not guard.asks_for_goal(plan, whole), "p4 tells, too"
     both = replace(whole, replaced={"p1": "o1", "p4": "o2"})
     assert guard.asks_for_goal(plan, both)
-    assert not guard.asks_for_goal(plan, both.told("g1"))
+    assert not guard.asks_for_goal(plan, both.with_goal("g1"))
 
 
 def test_who_mends_a_mistake_that_no_product_has_is_not_doubted() -> None:
@@ -224,7 +224,7 @@ def test_nothing_is_put_into_what_fits_no_product_before_a_person_says_that_it_i
     for waited_s in (0.0, 14.0, 1e3):
         verdict = GUARD.judge(plan, odd, EMPTY, "o1", "p6", True, may_ask=False, waited_s=waited_s)
         assert (verdict.decision, verdict.reason) == ("wait", "what is in the bracket fits no product that I know")
-    assert GUARD.judge(plan, odd.told(UNKNOWN_GOAL), EMPTY, "o1", "p6", reachable=True).decision == "act"
+    assert GUARD.judge(plan, odd.with_goal(UNKNOWN_GOAL), EMPTY, "o1", "p6", reachable=True).decision == "act"
 
 
 def test_own_parts_say_as_much_of_a_goal_as_people_look_at_them() -> None:

@@ -98,7 +98,7 @@ def calibrate(
         delay = f"{1e3 * delays_s[role]:.0f} ms" if role in delays_s else "not seen: is the arm in view?"
         say(f"delay of camera {role}: {delay}", highlight=False)
     if as_json:
-        every = {name: camera.told() for name, camera in cameras.items()}
+        every = {name: camera.as_json() for name, camera in cameras.items()}
         print_json({"file": str(path), "good": found is not None, **every, "delays_s": delays_s})
     if found is None:
         say("nothing was written")
@@ -214,7 +214,7 @@ def bench(
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from None
     for problem in view.problems:
         console().print(problem, highlight=False)
-    console().print(f"{out}: {'; '.join(view.told)}", highlight=False)
+    console().print(f"{out}: {'; '.join(view.remarks)}", highlight=False)
     if advice := view.rest_advice:
         console().print(advice, highlight=False)
     if as_json:

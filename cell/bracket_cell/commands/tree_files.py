@@ -105,11 +105,11 @@ def _robots(files: list[Path], config: Path | None, as_json: bool) -> int | None
     for view in views:
         drawing = Path(f"checked_{view.file.stem}.png")
         if not as_json:
-            sys.stdout.writelines(f"{view.file}: {what}\n" for what in (*view.told, *view.problems))
+            sys.stdout.writelines(f"{view.file}: {what}\n" for what in (*view.remarks, *view.problems))
             sys.stdout.write(f"{drawing}: the arm at rest\n")
         write(drawing, to_png(view.picture))
     if as_json:
-        print_json({str(view.file): {"problems": view.problems, "told": view.told} for view in views})
+        print_json({str(view.file): {"problems": view.problems, "told": view.remarks} for view in views})
     return int(any(view.problems for view in views))
 
 

@@ -69,7 +69,7 @@ class DetectorChain:
     def watch(self, frame: Frame) -> BenchView:
         """The answer to this frame; frames must come in order. The camera is where its calibration says."""
         check_image(self._overhead.model, frame)
-        frame = frame.seen_from(self._overhead.told(frame.world_from_camera))
+        frame = frame.seen_from(self._overhead.corrected(frame.world_from_camera))
         hand = self._tracker.track(frame)
         hands = [other for other in (hand, *self._tracker.others) if other is not None]
         health = self._health.judge(frame, hands)

@@ -40,7 +40,7 @@ class BenchView:
     def __init__(self, bench: Bench, product: Product, motion: MotionPlanner) -> None:
         self._bench, self._product, self._motion = bench, product, motion
         self.problems: list[str] = []
-        self.told: list[str] = []
+        self.remarks: list[str] = []
         try:
             found = with_resting_poses(bench, product, motion.settings, leaves_in_view(bench, product)).arm_look_rad
         except ValueError as error:
@@ -124,7 +124,7 @@ class BenchView:
         self._cut_off(in_view(bench.wrist, self._wrist, tray))
         inner = self._reached[inside, inside]
         if inner.all():
-            self.told.append("the arm reaches all of the tray but its rim")
+            self.remarks.append("the arm reaches all of the tray but its rim")
         else:
             self.problems.append(
                 f"the arm does not reach {(~inner).mean():.0%} of the tray: move it, or the arm's base"
@@ -140,14 +140,14 @@ class BenchView:
         if hidden:
             self.problems.append(f"the overhead camera does not see {', '.join(hidden)}: hang it higher, or elsewhere")
         else:
-            self.told.append("the overhead camera sees all holes and bins")
+            self.remarks.append("the overhead camera sees all holes and bins")
 
     def _judge_holes(self) -> None:
         far = [name for name, time_s in self._holes_s.items() if np.isinf(time_s)]
         if far:
             self.problems.append(f"the arm does not reach {', '.join(far)}: move the bracket, or the arm's base")
         else:
-            self.told.append("the arm reaches all holes")
+            self.remarks.append("the arm reaches all holes")
 
     def _judge_times(self, reached: Marks, times_s: Array) -> None:
         """Where the arm takes much longer than elsewhere: in a corner of the tray, or at a hole."""
@@ -156,13 +156,13 @@ class BenchView:
         holes = {f"hole {name}": time_s for name, time_s in self._holes_s.items()}
         usual_s = float(np.median(times_s[reached])) if reached.any() else np.inf
         late = [*_late(corners, usual_s), *_late(holes, float(np.median([*holes.values()] or [np.inf])))]
-        self.told.append(f"slow: {', '.join(late)}" if late else "no corner and no hole is much slower than others")
-        self.told += [self._cost] * bool(self._cost)
+        self.remarks.append(f"slow: {', '.join(late)}" if late else "no corner and no hole is much slower than others")
+        self.remarks += [self._cost] * bool(self._cost)
 
     def _cut_off(self, seen: Marks) -> None:
         grid = seen.reshape(STEPS, STEPS)
         if grid.all():
-            self.told.append("the wrist camera sees the whole tray")
+            self.remarks.append("the wrist camera sees the whole tray")
             return
         lines = {(1, -1): grid[0], (1, 1): grid[-1], (0, -1): grid[:, 0], (0, 1): grid[:, -1]}
         sides = [SIDES[side] for side, line in lines.items() if not line.all()]

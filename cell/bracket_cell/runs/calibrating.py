@@ -57,7 +57,7 @@ class Calibrated:
     off_m: float
     trouble: str
 
-    def told(self) -> dict[str, object]:
+    def as_json(self) -> dict[str, object]:
         """For programs."""
         fit = self.fit
         numbers = {"off_mm": round(1e3 * self.off_m, 3), "rms_px": round(fit.rms_px, 3)} if fit.images else {}

@@ -41,7 +41,7 @@ class RobotView:
     Attributes:
         file: a robot's file, or a URDF, whose flange is guessed.
         problems: what keeps the arm from being used, or is out of its reach, in words.
-        told: what was found, in words.
+        remarks: what was found, in words.
         picture: SVG of the arm at rest.
 
     Raises:
@@ -51,7 +51,7 @@ class RobotView:
     file: Path
     config: Path
     problems: list[str] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     picture: str = ""
 
     def __post_init__(self) -> None:
@@ -70,7 +70,7 @@ class RobotView:
         if self.file.suffix not in (URDF, XACRO):
             return load_robot(self.file.name, self.file.parent)
         flange = likely_flange(element(read_text(self.file), self.file))
-        self.told.append(f"the flange is taken to be {flange!r}: `flange` of a robot's file names another")
+        self.remarks.append(f"the flange is taken to be {flange!r}: `flange` of a robot's file names another")
         return complete(RobotModel(name=self.file.stem, urdf=str(self.file.resolve()), flange=flange))
 
     def _look_at(self, robot: RobotModel) -> None:
@@ -78,14 +78,14 @@ class RobotView:
         product = load_product(configuration, self.config)
         bench = configuration.bench.model_copy(update={"arm_look_rad": (), "arm_park_rad": ()})
         motion = MotionPlanner(product, bench, configuration.motion.of(robot, *configuration.timing_s))
-        self.told += [*robot.remarks, *_joints(robot), *_unknown(robot)]
+        self.remarks += [*robot.remarks, *_joints(robot), *_unknown(robot)]
         home = motion.kinematics.usual_rad
         at_rest = _Posed(CollisionChecker(motion.kinematics, product, bench, motion.settings), home)
         tool_m = ", ".join(f"{value:.2f}" for value in motion.kinematics.position_m(home))
-        self.told.append(f"at rest the tool is at ({tool_m}) m: {at_rest.touching or 'nothing touches'}")
+        self.remarks.append(f"at rest the tool is at ({tool_m}) m: {at_rest.touching or 'nothing touches'}")
         view = BenchView(bench, product, motion)
         self.problems += view.problems
-        self.told += view.told
+        self.remarks += view.remarks
         self.picture = at_rest.svg
 
 

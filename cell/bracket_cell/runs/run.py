@@ -169,7 +169,7 @@ def _resumed(
         InputError, LogError: the log cannot be gone on with.
     """
     left_off = read_resume_state(log, product, lambda tick: keeper.take(moment_of(tick)))
-    console.print(f"goes on with {log}: {left_off.told}", highlight=False)
+    console.print(f"goes on with {log}: {left_off.summary}", highlight=False)
     if options.world is not None:
         return options, left_off
     world = world_of(log)

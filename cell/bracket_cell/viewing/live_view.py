@@ -267,7 +267,7 @@ def _footer(stepper: Stepper, screen: Screen) -> Text:
         return Text(f"waits before which node? {screen.typing}_   Enter: yes, Esc: no", style="bold")
     keys = f"p {'goes on' if stepper.paused else 'pauses'}   s steps   b NAME breaks there   "
     keys += f"t {'what runs' if screen.whole else 'whole tree'}   ↑↓ scroll, f follows   q leaves"
-    return Text(f"{keys}   {stepper.told}", style="dim", no_wrap=True, overflow="ellipsis")
+    return Text(f"{keys}   {stepper.message}", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def view(

@@ -49,7 +49,7 @@ class Stepper:
         self._stopped: set[int] = set()
         self._waiting: list[int] = []  # the one that has waited longest comes first
         self.paused = False
-        self.told = ""
+        self.message = ""
 
     def press(self, key: str, said: Mapping[int, str]) -> None:
         """What a key means: p pauses or goes on, s lets the next action begin."""
@@ -57,11 +57,11 @@ class Stepper:
             if key == "p" and self.paused:
                 self._go_on()
             elif key == "p":
-                self.paused, self.told = True, "paused: running actions finish, no new one begins"
+                self.paused, self.message = True, "paused: running actions finish, no new one begins"
             elif key == "s":
                 self._step(said)
         except InputError as error:
-            self.paused, self.told = False, str(error)
+            self.paused, self.message = False, str(error)
 
     def stop_at(self, name: str) -> None:
         """Let nodes of this name, or of this kind, wait before they begin; a second time takes that away."""
@@ -70,15 +70,17 @@ class Stepper:
         if not found:
             known = sorted({name for names in self._names.values() for name in names})
             near = get_close_matches(name.strip(), known, 3, 0.6)
-            self.told = f"there is no node {name.strip()!r}" + (f"; near to it: {', '.join(near)}" if near else "")
+            self.message = f"there is no node {name.strip()!r}" + (f"; near to it: {', '.join(near)}" if near else "")
             return
         away = found <= self._named
         try:
             self.stop_before(self._named - found if away else self._named | found)
         except InputError as error:
-            self.told = str(error)
+            self.message = str(error)
         else:
-            self.told = f"goes past {name.strip()} again" if away else f"waits before {name.strip()}; s lets it begin"
+            self.message = (
+                f"goes past {name.strip()} again" if away else f"waits before {name.strip()}; s lets it begin"
+            )
 
     def stop_before(self, wanted: Set[int]) -> None:
         """Let these nodes wait before they begin, each time, and no others.
@@ -124,7 +126,7 @@ class Stepper:
             self._insert(idle)
             self._stopped.update(idle)
         except InputError as error:
-            self.paused, self.told = False, str(error)
+            self.paused, self.message = False, str(error)
 
     def _insert(self, uids: Iterable[int]) -> None:
         hook = {"mode": 0, "once": False, "position": PRE, "desired_status": AS_IT_IS}
@@ -133,12 +135,12 @@ class Stepper:
     def _step(self, said: Mapping[int, str]) -> None:
         self._queue(said)
         if not self._waiting:
-            self.told = "no action waits" if self.paused or self._named else "press p first, or b and a name"
+            self.message = "no action waits" if self.paused or self._named else "press p first, or b and a name"
             return
         first = self._waiting.pop(0)
         self.let(first)
         following = f"; next: {self._called(self._waiting[0])}" if self._waiting else ""
-        self.told = f"{self._called(first)} may begin{following}"
+        self.message = f"{self._called(first)} may begin{following}"
 
     def _queue(self, said: Mapping[int, str]) -> None:
         """Line up what waits, so that no branch of a Parallel keeps the others from their turn."""
@@ -151,7 +153,7 @@ class Stepper:
         self._stopped.clear()
         if self._named:
             self._insert(self._named)
-        self.paused, self.told = False, "goes on"
+        self.paused, self.message = False, "goes on"
 
     def _called(self, uid: int) -> str:
         return self._leaves.get(uid) or min(self._names[uid], key=len)

@@ -63,7 +63,7 @@ def tray_view(bench: Bench, product: Product, detector: PartDetector) -> Callabl
 
     def find(frame: Frame) -> PartsView:
         check_image(bench.wrist.model, frame)
-        placed = frame.seen_from(bench.wrist.told(frame.world_from_camera))
+        placed = frame.seen_from(bench.wrist.corrected(frame.world_from_camera))
         standing, others = lying.sort(placed, detector.detect(placed), fitted=fitted)
         return PartsView(frame.sequence, frame.time_s, standing, others, check.judge(placed))
 

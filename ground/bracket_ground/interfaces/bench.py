@@ -98,7 +98,7 @@ class CameraSetup(Lens):
         setup._drawn = self.drawn
         return setup
 
-    def told(self, pose: Pose) -> Pose:
+    def corrected(self, pose: Pose) -> Pose:
         """The camera's place by calibration, where its driver tells `pose` by the mount that it knows."""
         if self._drawn is None:
             return pose

@@ -77,7 +77,7 @@ class AssemblyState:
         now = replace(self, placed=placed, by_robot=by_robot, replaced=replaced)
         return replace(now, taken_out=taken_out, against_told=since)
 
-    def told(self, goal: str) -> AssemblyState:
+    def with_goal(self, goal: str) -> AssemblyState:
         """The state after a person said which goal it is; what was taken out before no longer counts."""
         return replace(self, told_goal=goal, against_told={}, replaced={}, denied=())
 

@@ -38,7 +38,7 @@ class ResumeState:
         return self.bracket > 0 and not self.ended
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """For people."""
         placed = self.state.placed
         words = [", ".join(f"{part} at {position}" for position, part in sorted(placed.items())) or "nothing is placed"]

@@ -95,7 +95,7 @@ def evaluate_hands(
         of_seed = {name: Tally() for name in trackers}
         running = {name: make(bench) for name, make in trackers.items()}
         for seen in hand_frames(source, _stretches(source, stretches, seed)):
-            seen_frame = seen.frame.seen_from(bench.overhead.told(seen.frame.world_from_camera))
+            seen_frame = seen.frame.seen_from(bench.overhead.corrected(seen.frame.world_from_camera))
             view = View.of(bench.overhead.model, seen_frame)
             for name, tracker in running.items():
                 began_s = time.process_time()

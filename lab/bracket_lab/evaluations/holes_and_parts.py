@@ -131,7 +131,8 @@ def score_parts(task: Task, seeds: Sequence[int], mixed: bool) -> dict[str, floa
         bench = _bench(task, int(scene.log.removeprefix("seed")), scene)
         detector: PartDetector = task.detectors(bench, "parts").make("parts")
         view = replace(
-            scene, believed=scene.world_from_camera if task.cameras == "true" else bench.wrist.told(scene.believed)
+            scene,
+            believed=scene.world_from_camera if task.cameras == "true" else bench.wrist.corrected(scene.believed),
         )
         each.append(Findings())
         evaluate_parts([view], detector, task.product, each[-1])

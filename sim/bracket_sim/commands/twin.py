@@ -69,7 +69,7 @@ def twin(
         wires = cell.serve()
         door = ControlDoor(cell, at)
         for wire in wires:
-            console().print(wire.told, highlight=False, soft_wrap=True)
+            console().print(wire.banner, highlight=False, soft_wrap=True)
         console().print(f"faults: cell twin fault NAME --socket {at}; Ctrl-C ends it", highlight=False, soft_wrap=True)
         ended.wait()
         door.close()

@@ -51,16 +51,16 @@ class Injected(Protocol):
         ...
 
 
-def told(state: Value, faults: Sequence[SignalFault], now_s: float) -> Value:
+def with_faults(state: Value, faults: Sequence[SignalFault], now_s: float) -> Value:
     """A state or frame as faults have its fields."""
     for fault in faults:
         names = GROUPS.get(fault.signal, (fault.signal,))
         if len(names) == 1:
-            changed = {fault.signal: fault.told(getattr(state, fault.signal), now_s)}
+            changed = {fault.signal: fault.apply(getattr(state, fault.signal), now_s)}
         else:  # all fields of one answer
             if fault.kind == "lost":
                 raise DeviceFault(fault.device, "connection lost")
-            answer = fault.told(state, now_s)
+            answer = fault.apply(state, now_s)
             changed = {name: getattr(answer, name) for name in names}
         state = replace(state, **changed)  # type: ignore[type-var]
     return state
@@ -91,7 +91,7 @@ class FaultyArm:
                 raise DeviceFault("arm", "connection lost")
         of_state = [fault for fault in faults if fault.signal not in ("follow", "pace", "stop", "acknowledge")]
         state = self._arm.state()
-        answer = told(state, of_state, now_s)
+        answer = with_faults(state, of_state, now_s)
         self._injection.shown |= answer != state
         return answer
 
@@ -129,7 +129,7 @@ class FaultyArm:
                 if fault.kind == "late":
                     return
             elif value is not None:
-                value = fault.told(value, now_s)
+                value = fault.apply(value, now_s)
         act(value)
 
 
@@ -153,11 +153,11 @@ class FaultyCamera:
             if fault.kind == "refused":
                 raise OSError(19, "No such device")
             if fault.signal == "frame":
-                frame = self._last if fault.kind == "lost" else fault.told(frame, now_s)
+                frame = self._last if fault.kind == "lost" else fault.apply(frame, now_s)
             elif frame is not None:
                 seen = frame.camera, frame.sequence, frame.time_s, frame.image
                 true = Frame(*seen, frame.world_from_camera, depth_mm=frame.depth_mm)
-                frame = told(true, [fault], now_s)
+                frame = with_faults(true, [fault], now_s)
                 new = self._last is None or frame.sequence > self._last.sequence
                 if new and self._injection.first_frame is None:
                     self._injection.first_frame = frame.sequence
@@ -215,11 +215,11 @@ class FaultyDetector(Generic[Job, View]):
             if view is None or (fault.signal, fault.kind) == ("answer", "lost"):
                 view = None
             elif fault.signal == "answer":
-                view = fault.told(view, now_s)
+                view = fault.apply(view, now_s)
             elif fault.signal == "view":
-                view = replace(fault.told(view, now_s), sequence=view.sequence, time_s=view.time_s)
+                view = replace(fault.apply(view, now_s), sequence=view.sequence, time_s=view.time_s)
             else:
-                view = told(view, [fault], now_s)
+                view = with_faults(view, [fault], now_s)
         for name in self._single:
             for fault in self._injection.on(name):
                 view = view and _within_view(view, name, fault, now_s)
@@ -230,10 +230,10 @@ class FaultyDetector(Generic[Job, View]):
 def _within_view(view: Any, name: str, fault: SignalFault, now_s: float) -> Any:
     """A view with the fault in its hand, or in each of its holes or parts."""
     if name == "hand":
-        return view if view.hand is None else replace(view, hand=told(view.hand, [fault], now_s))
+        return view if view.hand is None else replace(view, hand=with_faults(view.hand, [fault], now_s))
     if name == "hole":
-        return replace(view, holes={place: told(hole, [fault], now_s) for place, hole in view.holes.items()})
-    poses = (told(detection.world_from_part, [fault], now_s) for detection in view.detections)
+        return replace(view, holes={place: with_faults(hole, [fault], now_s) for place, hole in view.holes.items()})
+    poses = (with_faults(detection.world_from_part, [fault], now_s) for detection in view.detections)
     moved = zip(view.detections, poses, strict=True)
     return replace(view, detections=tuple(replace(part, world_from_part=pose) for part, pose in moved))
 
@@ -329,7 +329,7 @@ class FaultyBus:
         if fault.kind == "cut":
             return data[:3]
         if fault.kind == "stuck":
-            kept: bytes = fault.told(data, now_s)
+            kept: bytes = fault.apply(data, now_s)
             return kept
         bits = int.from_bytes(data, "little")
         if fault.kind == "flipped":
@@ -344,7 +344,7 @@ class FaultyBus:
             signal = known.get_signal_by_name(fault.signal)
             values[fault.signal] = signal.maximum - value if signal.length > 7 else int(value) ^ 1
         else:
-            values[fault.signal] = fault.told(value, now_s)
+            values[fault.signal] = fault.apply(value, now_s)
         return _message(message.arbitration_id, known.encode(_within(known, values)))
 
 

@@ -190,7 +190,7 @@ class SignalFault:
         """The size as a number."""
         return float(self.size)
 
-    def told(self, value: Any, time_s: float, *, active: bool = True) -> Any:
+    def apply(self, value: Any, time_s: float, *, active: bool = True) -> Any:
         """What the signal says in place of its value; to be asked before the fault, too, as some need what was."""
         first = not self._kept
         self._kept.append((time_s, value))

@@ -70,7 +70,7 @@ class MjpegServer:
     """Sends the newest image to everybody who asks for any path.
 
     Attributes:
-        told: where it listens.
+        banner: where it listens.
         port: likewise.
         faults: what it sends in place of the newest image.
         behind, late_s: how many images, or how long, it is behind.
@@ -89,7 +89,7 @@ class MjpegServer:
             raise InputError(f"{host}:{port}: the twin cannot listen there: {error.strerror or error}") from None
         self._server.daemon_threads = True
         self.port = self._server.server_address[1]
-        self.told = f"{name}: MJPEG at http://{host}:{self.port}/"
+        self.banner = f"{name}: MJPEG at http://{host}:{self.port}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), name=name, daemon=True).start()
 
     def send(self, image: NDArray[np.uint8]) -> None:

@@ -32,10 +32,10 @@ class Wire(Protocol):
     """Something that listens where a real device would.
 
     Attributes:
-        told: one line for the terminal: what is served, and where.
+        banner: one line for the terminal: what is served, and where.
     """
 
-    told: str
+    banner: str
 
     def close(self) -> None:
         """Let go of sockets and files."""

@@ -317,7 +317,7 @@ class UrWires:
             offer_faults(cell, self.controller, rtde)
             self._stack = stack.pop_all()
         version = ".".join(map(str, self.controller.model.version[:3]))
-        self.told = (
+        self.banner = (
             f"{role}: {host}, {self.controller.model.name} {version}: "
             f"RTDE 30004 at {self.controller.model.rate_hz} Hz, "
             "dashboard 29999, programs 30001 to 30003, state and calibration 30001, 30002, 30011"

@@ -102,14 +102,14 @@ class ModbusTwin:
     """Node 9 at an adapter, whose name is a link to a pseudo terminal.
 
     Attributes:
-        told: where it listens.
+        banner: where it listens.
         lose, damage: so many answers from now on are lost, or have a wrong check sum.
     """
 
     def __init__(self, registers: Registers, port: Path, node_id: int = 9) -> None:
         self._registers, self._port, self._node_id = registers, port, node_id
         self.lose = self.damage = 0
-        self.told = f"gripper: Modbus RTU, node {node_id}, at {port}"
+        self.banner = f"gripper: Modbus RTU, node {node_id}, at {port}"
         self._ended = threading.Event()
         self._ends = (-1, -1)
         self.replug()
@@ -186,7 +186,7 @@ class UrcapTwin(Port):
     """The text socket of the URCap: SET is answered with ack, GET with the name and its value.
 
     Attributes:
-        told: where it listens.
+        banner: where it listens.
         mute_until_s: it answers nothing before, by `now_s`.
     """
 
@@ -205,7 +205,7 @@ class UrcapTwin(Port):
     def __init__(self, registers: Registers, host: str, port: int, now_s: Callable[[], float] = time.monotonic) -> None:
         self._registers, self._now_s, self.mute_until_s = registers, now_s, 0.0
         super().__init__(host, port)
-        self.told = f"gripper: URCap socket at {host}:{self.port}"
+        self.banner = f"gripper: URCap socket at {host}:{self.port}"
 
     def serve(self, client: socket.socket) -> None:
         """Answer until the client is gone."""
@@ -252,11 +252,11 @@ class CanTwin:
     """The gripper's node on the bus that the configuration names: the simulated cell has opened it.
 
     Attributes:
-        told: where it listens.
+        banner: where it listens.
     """
 
     def __init__(self, interface: str, channel: str) -> None:
-        self.told = f"gripper: CAN node on the bus {interface} {channel}"
+        self.banner = f"gripper: CAN node on the bus {interface} {channel}"
 
     def close(self) -> None:
         """The cell lets go of the bus."""

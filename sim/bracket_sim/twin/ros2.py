@@ -73,7 +73,7 @@ class RosArm:
     """The arm's driver and controllers.
 
     Attributes:
-        told: what it serves.
+        banner: what it serves.
         asked_rad: set points of the last cycle on a goal, (n,).
         late_until_s, silent_until_s: joints wait until then and come at once, or do not come.
     """
@@ -87,7 +87,7 @@ class RosArm:
         self.late_until_s = self.silent_until_s = self._back_s = self._slow_s = 0.0
         self._late: list[Any] = []
         self._modes: dict[str, Any] = {}
-        self.told = f"{role}: ROS 2, domain {self._settings['domain']}: joint_states, {self._settings['controller']}"
+        self.banner = f"{role}: ROS 2, domain {self._settings['domain']}: joint_states, {self._settings['controller']}"
         self._open()
         offer_faults(cell, self.controller, self, "joints")
         cell.each_period(self._cycle)
@@ -244,7 +244,7 @@ class RosGripper:
     """The gripper's driver and controllers.
 
     Attributes:
-        told: what it serves.
+        banner: what it serves.
     """
 
     def __init__(self, cell: TwinCell, role: str) -> None:
@@ -260,7 +260,7 @@ class RosGripper:
         self._activation = Answerer(node, f"{own}{self._settings['activate']}", TRIGGER)
         self._activating: list[Any] = []
         self._due_s, self._silent = 0.0, False
-        self.told = f"{role}: ROS 2, domain {self._settings['domain']}: {self._settings['action']}"
+        self.banner = f"{role}: ROS 2, domain {self._settings['domain']}: {self._settings['action']}"
         cell.offer("gripper_silent", "nothing comes of the gripper; once more ends it", self._silence)
         cell.each_period(self._cycle)
 
@@ -317,7 +317,7 @@ class RosCamera:
     """A camera's node, as realsense-ros: image, depth in step with it, and CameraInfo.
 
     Attributes:
-        told: what it serves.
+        banner: what it serves.
     """
 
     def __init__(self, cell: TwinCell, role: str) -> None:
@@ -331,7 +331,7 @@ class RosCamera:
         self._infos = node.publisher(info, INFO, Quality(kept=2)) if info else None
         self._setup = getattr(cell.sim.world.bench, role)
         self._told_mount = self._mounted(cell, node)
-        self.told = f"camera {role}: ROS 2, domain {self._settings['domain']}: {topic}"
+        self.banner = f"camera {role}: ROS 2, domain {self._settings['domain']}: {topic}"
         self.faults = ImageFaults()
         self.faults.offered(cell, role)
         self._silent = False

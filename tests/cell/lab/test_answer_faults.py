@@ -144,16 +144,16 @@ def test_holes_and_parts_change_places() -> None:
 
 def test_a_value_that_is_not_told_stays_so() -> None:
     fault = SignalFault.parse("hand.height_m:offset:0.1")
-    assert fault.told(None, 1.0) is None
-    assert math.isclose(fault.told(0.2, 2.0), 0.3)
+    assert fault.apply(None, 1.0) is None
+    assert math.isclose(fault.apply(0.2, 2.0), 0.3)
 
 
 def test_depths_are_changed_as_images_are() -> None:
     depth_mm = np.full((4, 6), 900, np.uint16)
     for kind in ("lost", "scaled:2", "flipped:2", "foreign"):
         fault = SignalFault.parse(f"overhead.depth_mm:{kind}")
-        fault.told(depth_mm, 0.0)
-        changed = fault.told(depth_mm, 1.0)
+        fault.apply(depth_mm, 0.0)
+        changed = fault.apply(depth_mm, 1.0)
         assert (changed.dtype, changed.shape) == (depth_mm.dtype, depth_mm.shape)
 
 

@@ -263,7 +263,7 @@ def spoiled(
 
     def spoil(seen: Observation) -> Observation:
         active, state = seen.tick >= MIDWAY, getattr(seen, device)
-        told = {name: fault.told(getattr(state, name), seen.time_s, active=active) for name, fault in faults.items()}
+        told = {name: fault.apply(getattr(state, name), seen.time_s, active=active) for name, fault in faults.items()}
         other = replace(state, **told)
         if active and any(
             differ(getattr(state, name), value, TOLERATED.get(name, 0.0)) for name, value in told.items()
@@ -367,7 +367,7 @@ def test_a_fault_of_any_kind_in_a_signal_of_the_gripper_is_noticed(name: str, ki
     fault = SignalFault(name, kind)
 
     def spoil(seen: Observation) -> Observation:
-        told = fault.told(getattr(seen.gripper, name), seen.time_s, active=seen.tick >= tick)
+        told = fault.apply(getattr(seen.gripper, name), seen.time_s, active=seen.tick >= tick)
         return replace(seen, gripper=replace(seen.gripper, **{name: told}))
 
     said = handled(spoil)

@@ -429,7 +429,7 @@ def test_a_person_pauses_a_tree_and_lets_its_actions_begin_one_by_one(make: Call
         assert ticked()[FIRST] == 10 + 2  # what was let begin runs to its end
         assert bench.statuses()[LAST] == 0
         assert ticked("p")[LAST] == running
-        assert (stepper.paused, stepper.told) == (False, "goes on")
+        assert (stepper.paused, stepper.message) == (False, "goes on")
     finally:
         client.close()
 
@@ -440,14 +440,14 @@ def test_a_breakpoint_is_set_by_a_nodes_name_stays_and_is_taken_away_by_it(make:
     stepper = Stepper(bench.served(client.tree), lambda kind, body: bench.served(lambda: client.order(kind, body)))
     try:
         stepper.stop_at("Cuont")
-        assert stepper.told == "there is no node 'Cuont'; near to it: Count"
+        assert stepper.message == "there is no node 'Cuont'; near to it: Count"
         stepper.stop_at("count")
         assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {FIRST, LAST}
         bench.tick()
         said = bench.served(client.said)
         assert said[FIRST] == "waits at a breakpoint"
         stepper.press("s", said)
-        assert stepper.told == "Count may begin"
+        assert stepper.message == "Count may begin"
         bench.tick()
         assert bench.statuses()[FIRST] == 1
         assert {hook["uid"] for hook in json.loads(bench.ask("D")[1])} == {FIRST, LAST}
@@ -640,8 +640,8 @@ def test_steps_go_in_turn_to_all_that_wait() -> None:
         said = {2: "waits at a breakpoint", 3: "waits at a breakpoint"}
         stepper.keep({}, said)
         stepper.press("s", said)
-        stepped.append(stepper.told)
-        said[2 if stepper.told.startswith("Look") else 3] = "works"
+        stepped.append(stepper.message)
+        said[2 if stepper.message.startswith("Look") else 3] = "works"
         stepper.keep({}, said)  # it begins, ends at once, and waits again
     assert stepped == ["Look may begin; next: to park", "to park may begin; next: Look"] * 2
 
@@ -665,7 +665,7 @@ def test_a_pause_is_refused_where_hooks_are_off(make: Callable[..., Bench]) -> N
         stepper.press("p", {})
         stepper.keep(bench.statuses(), {})
         assert not stepper.paused
-        assert "--open breakpoints turns them on" in stepper.told
+        assert "--open breakpoints turns them on" in stepper.message
         assert bench.tick() is Status.RUNNING
     finally:
         client.close()

@@ -216,6 +216,6 @@ def test_the_driver_keeps_its_mount_and_what_it_tells_is_corrected() -> None:
     assert bench.wrist.model.distortion_k1 == -0.02
     tool = Pose.from_yaw((0.5, 0.1, 0.3), 0.4)
     told = tool @ BENCH.wrist.mount.pose
-    corrected, wanted = bench.wrist.told(told), tool @ found.pose
+    corrected, wanted = bench.wrist.corrected(told), tool @ found.pose
     assert np.allclose(corrected.matrix, wanted.matrix)
-    assert BENCH.wrist.told(told) is told
+    assert BENCH.wrist.corrected(told) is told

@@ -22,7 +22,7 @@ class TcpController(Port):
     def __init__(self, cell: TwinCell, role: str) -> None:
         settings = cell.settings[role]
         host = str(settings.get("host", "127.0.0.1"))
-        self.cell, self.arm, self.told = cell, cell.arm, f"{role}: {host}:{settings['port']}"
+        self.cell, self.arm, self.banner = cell, cell.arm, f"{role}: {host}:{settings['port']}"
         self._listeners: set[queue.Queue[bytes]] = set()
         self._mover: socket.socket | None = None
         self._heard_s, self._stopped = 0.0, ""

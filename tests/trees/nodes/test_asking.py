@@ -223,7 +223,7 @@ def test_what_it_was_taken_for_can_be_denied_and_is_not_resumed() -> None:
     assert to.now.display.questions[0].reason == "you said that it is not what I took it for"
     hears.execute()
     assert hears.state.get().denied == ("g0",), "each statement counts once"
-    assert hears.state.get().told("g0").denied == (), "what is said later counts more"
+    assert hears.state.get().with_goal("g0").denied == (), "what is said later counts more"
 
 
 def test_nothing_new_begins_while_paused() -> None:

@@ -256,7 +256,7 @@ def test_an_order_that_a_person_builds_against_is_asked_about_once_and_nothing_i
     to = services()
     to.now.observation = replace(to.now.observation, operator=OperatorState(present=True))
     plan = replace(SURE, goal_belief={"g0": 0.0, "g1": 1.0, "g2": 0.0, UNKNOWN_GOAL: 0.0})
-    ordered = AssemblyState({P2: G1[P2]}, by_robot={P2: G1[P2]}).told("g1")
+    ordered = AssemblyState({P2: G1[P2]}, by_robot={P2: G1[P2]}).with_goal("g1")
     assert not to.tools.guard.asks_for_goal(plan, ordered)
     gone = ordered.seen({})
     assert to.tools.guard.judge(plan, gone, EMPTY_HOLES, G1[P1], P1, True).decision == "ask"
@@ -271,7 +271,7 @@ def test_an_order_that_a_person_builds_against_is_asked_about_once_and_nothing_i
     node: Any = alone(AskWhichGoal("ask"), to, plan=plan, state=gone)
     assert node.execute() is Status.RUNNING
     assert to.now.display.questions[0].reason == "I took this for bracket B, and what I placed was taken out again"
-    again = gone.told("g1")
+    again = gone.with_goal("g1")
     assert not to.tools.guard.asks_for_goal(plan, again)
     assert to.tools.guard.sure_goal(plan, again) == "g1"
     verdict = to.tools.guard.judge(plan, again, EMPTY_HOLES, G1[P2], P2, True)

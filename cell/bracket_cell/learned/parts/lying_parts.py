@@ -20,10 +20,10 @@ from bracket_ground.interfaces.resting_pose import lies_raised
 LEAST_HEIGHT_M, MIN_CONFIDENCE = 0.02, 0.3  # of something that lies: its height, and that it is there
 BEYOND_M = 0.003  # its box reaches so far beyond what is seen of it
 SAME_BOX = 0.4  # intersection over union, from which two findings may be one thing
-SAME_LOOK = 0.85  # from which the one is not looked at again where the other did not tell how it lies
-STANDING_IOU = 0.8  # of what stands out, from which a silhouette is that of a standing part
-MIN_IOU_GAIN = 0.1  # by which one that lies must fit better than one that was told to stand
-MOST_HIDDEN = 0.4  # of the box of a part that was told to stand, up to which its silhouette may say otherwise
+SAME_LOOK = 0.85  # boxes that overlap more than this are fitted only once
+STANDING_IOU = 0.8  # intersection over union of silhouettes above which a part is taken to stand
+MIN_IOU_GAIN = 0.1  # by which a lying pose must fit better than a standing detection
+MOST_HIDDEN = 0.4  # share of a standing detection's box up to which its silhouette overrules it
 MIN_CONFIDENCE_LEAD = 0.1  # surer by this it is of its type ...
 UNKNOWN_MIN_IOU = 0.88  # ... else its silhouette must agree so well
 

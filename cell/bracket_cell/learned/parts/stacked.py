@@ -20,7 +20,7 @@ from bracket_ground.interfaces.resting_pose import SIDES, rest_on
 
 STACKED_KIND = "parts.stacked"
 CROP_PX, STEP_M = (64, 64), 0.002
-SAME_THING = 0.75  # intersection over union, from which two boxes are the same thing told twice
+SAME_THING = 0.75  # intersection over union above which two boxes are duplicates
 LEAST_ON_TOP, LEAST_CARRYING = 0.5, 0.3  # probabilities
 LEAST_SHARED = 0.08  # of the box of what lies on top, which it has in common with that of what carries it
 

@@ -16,7 +16,7 @@ from bracket_cell.skills.motion.collision import Scene
 from bracket_ground.interfaces.pose import Array
 
 SEED = 1
-LEVEL_CHECKS, TILTED_CHECKS = 800, 8000  # after so many in vain a round is given up
+LEVEL_CHECKS, TILTED_CHECKS = 800, 8000  # failed checks after which a round ends
 STEPS_M = (0.03, 0.008)  # between checks: coarse at first, fine where a way by coarse ones touches something after all
 LEG_M = 0.5  # longest branch that is tried at once
 SHORTCUTS, TRIES = 3, 4  # times that a way is made shorter in three manners, and tries of each

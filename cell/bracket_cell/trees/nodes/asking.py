@@ -269,5 +269,5 @@ def against_order(services: Services, state: AssemblyState) -> bool:
 
 def tell_goal(node: AskWhichGoal | HearOperator, state: AssemblyState, goal: str) -> None:
     """Write into the state of the assembly what a person said of its goal."""
-    node.state.set(state.told(goal))
+    node.state.set(state.with_goal(goal))
     node.tools.journal.note("belief", told=goal)

@@ -39,14 +39,14 @@ def test_a_whole_assembly_is_known_from_its_log() -> None:
     assert left.held_part in PRODUCT.parts
     assert (left.bracket, left.ended) == (0, False)
     assert ResumeState.of(left.plain()) == left
-    assert left.told.startswith("o1 at p1, o1 at p2, ")
-    assert left.told.endswith(f"; {left.held_part} was picked last")
+    assert left.summary.startswith("o1 at p1, o1 at p2, ")
+    assert left.summary.endswith(f"; {left.held_part} was picked last")
 
 
 def test_where_a_shift_was_left_off_is_told_in_words() -> None:
-    assert ResumeState().told == "nothing is placed"
-    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2).told == "bracket 2; o3 at p5"
-    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2, ended=True).told == "bracket 2; nothing is placed"
+    assert ResumeState().summary == "nothing is placed"
+    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2).summary == "bracket 2; o3 at p5"
+    assert ResumeState(AssemblyState({"p5": "o3"}), bracket=2, ended=True).summary == "bracket 2; nothing is placed"
 
 
 def test_a_log_of_another_product_is_refused() -> None:

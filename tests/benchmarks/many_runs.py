@@ -4,7 +4,7 @@ python -m tests.benchmarks.many_runs --runs 1000 --kill 2 --out /tmp/many
 
 A run activates the gripper, without pixels: about half a second of processor time. What was done stays in the folder;
 called again, it goes on there. Overhead: what the workers needed over the runs themselves, from the first row to the
-last, lost runs and new workers included.
+last, lost runs and new workers included. --chart draws how cost and memory of a run and the journal's size grow.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import json
 import os
 import random
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -34,6 +35,7 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Short">
 """
 SPEC = "seeds: {{first: 0, count: {runs}}}\ntrees: [short.xml]\npeople: [careful]\npixels: false\n"
 LOOK_S = 0.5
+DRAWN = 100  # runs in each point of the chart
 
 
 def main() -> None:
@@ -43,6 +45,7 @@ def main() -> None:
     parser.add_argument("--kill", type=int, default=2, help="workers that are killed, spread over the sweep")
     parser.add_argument("--check", type=int, default=100, help="runs that are done again one by one")
     parser.add_argument("--out", type=Path, help="folder; a temporary one by default")
+    parser.add_argument("--chart", type=Path, help="SVG file")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="many-runs-") as folder:
         out: Path = options.out or Path(folder)
@@ -52,6 +55,8 @@ def main() -> None:
         spec.write_text(SPEC.format(runs=options.runs))
         sweep(spec, out, options.workers, [options.runs * (n + 1) // (options.kill + 1) for n in range(options.kill)])
         compare(spec, out, options.check)
+        if options.chart:
+            draw(rows(out), (out / "runs.jsonl").stat().st_size, options.chart)
 
 
 def sweep(spec: Path, out: Path, of: int, kill_at: list[int]) -> None:
@@ -108,6 +113,23 @@ def kill_one(sweep_process: int) -> int:
                 continue
         return 1
     return 0
+
+
+def draw(found: list[dict[str, Any]], size: int, file: Path) -> None:
+    """Medians of processor time and memory of so many runs each, by how many runs were done before them."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(7, 2.6))
+    ends = range(DRAWN, len(found) + 1, DRAWN)
+    for axis, (column, what) in zip(axes, (("cpu_s", "processor [s]"), ("peak_rss_mb", "memory [MB]")), strict=True):
+        axis.plot(ends, [statistics.median(row[column] for row in found[end - DRAWN : end]) for end in ends])
+        axis.set_xlabel("runs done")
+        axis.set_ylabel(f"{what} of a run")
+        axis.set_ylim(bottom=0)
+    figure.suptitle(f"{len(found)} runs, {size / len(found) / 1e3:.1f} kB of rows each", fontsize=9)
+    figure.tight_layout()
+    figure.savefig(file, metadata={"Date": None})
+    plt.close(figure)
 
 
 class Journal:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from pymodbus.client import ModbusSerialClient
+from pymodbus.exceptions import ConnectionException
 
 from bracket_cell.skills.drivers import robotiq
 from bracket_cell.skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
@@ -240,6 +241,21 @@ def test_pymodbus_reads_and_writes_the_twin(adapter: Rig) -> None:
         assert first >> 8 & 9 == 9
         assert fault_echo == 0x0010
     client.close()  # type: ignore[no-untyped-call]
+    adapter.gripper = adapter.open()
+
+
+def test_a_port_that_is_gone_is_told_without_words_of_a_library(adapter: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    adapter.gripper.close()
+
+    def gone(*_: object, **__: object) -> None:
+        raise ConnectionException("ModbusSerialClient")
+
+    monkeypatch.setattr(ModbusSerialClient, "read_holding_registers", gone)
+    wire = robotiq.ModbusWire(adapter.twin.banner.split()[-1], 115_200, 9)
+    with pytest.raises(ConnectionError, match=r"^\S+ cannot be used any more$"):
+        wire.read()
+    wire.close()
+    monkeypatch.undo()
     adapter.gripper = adapter.open()
 
 

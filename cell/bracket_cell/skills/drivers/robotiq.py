@@ -51,7 +51,6 @@ FAULTS = {
     0x0E: "overcurrent",
     0x0F: "automatic release is done",
 }
-WIRE_ERRORS = (OSError, ModbusException)
 STILL_READS = 5  # of one position, until fingers count as at their end
 FAILURES = 5  # exchanges in a row, after which a wire is opened again although it says nothing
 NEAR_COUNTS = 20  # of where the settings say the fingers end; what ends farther off met something
@@ -116,11 +115,11 @@ class Wire(Protocol):
     """A way to the registers."""
 
     def read(self) -> bytes:
-        """The six status bytes; raises one of WIRE_ERRORS."""
+        """The six status bytes; raises OSError."""
         ...
 
     def write(self, command: bytes) -> None:
-        """Set the six command bytes; raises one of WIRE_ERRORS."""
+        """Set the six command bytes; raises OSError."""
         ...
 
     def close(self) -> None:
@@ -135,7 +134,7 @@ class RegisterGripper:
     again but `activate`, which also measures where its fingers end. A wire that broke is opened again.
 
     Args:
-        open_wire: raises one of WIRE_ERRORS where it cannot be had.
+        open_wire: raises OSError where it cannot be had.
 
     Attributes:
         ends: position register of open and of closed fingers.
@@ -165,7 +164,7 @@ class RegisterGripper:
         self._closed, self._wake = threading.Event(), threading.Event()
         try:
             self._wire = open_wire()
-        except WIRE_ERRORS as error:
+        except OSError as error:
             raise DeviceFault("gripper", f"cannot be opened: {error}") from error
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
@@ -306,7 +305,7 @@ class RegisterGripper:
     def _let_go(self) -> None:
         wire, self._wire = self._wire, None
         if wire is not None:
-            with suppress(*WIRE_ERRORS):  # it broke: there is nothing left to close
+            with suppress(OSError):  # it broke: there is nothing left to close
                 wire.close()
 
 
@@ -323,7 +322,7 @@ class ModbusWire:
     """Implements `Wire` by Modbus RTU, 8N1."""
 
     def __init__(self, port: str, baud: int, node_id: int) -> None:
-        self._node_id = node_id
+        self._node_id, self._port = node_id, port
         self._client = ModbusSerialClient(port, baudrate=baud, timeout=ANSWER_S, retries=0)
         if not self._client.connect():
             raise ConnectionError(f"{port} cannot be opened")
@@ -346,8 +345,10 @@ class ModbusWire:
             answer = ask()
         except ModbusIOException as error:
             raise TimeoutError("no answer, or a damaged one") from error
+        except ModbusException as error:
+            raise ConnectionError(f"{self._port} cannot be used any more") from error
         if answer.isError():
-            raise TimeoutError(f"an error in place of an answer: {answer}")
+            raise TimeoutError("it answers that it does not know the registers")
         return answer
 
     def close(self) -> None:
@@ -408,7 +409,7 @@ def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[
     except TimeoutError:
         yield DeviceCheck(what, "it does not answer: 24 V, baud and node_id, A and B, and no other program at the port")
         return
-    except WIRE_ERRORS as error:
+    except OSError as error:
         adapter = "names of adapters: ls /dev/serial/by-id; the user must be in the group dialout"
         urcap = "install the gripper's URCap on the controller, and switch its network service on"
         yield DeviceCheck(what, f"cannot be opened: {error}; {adapter if serial else urcap}")
@@ -424,7 +425,7 @@ def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[
 
 
 def _looked(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Status:
-    """The status, without a command; raises one of WIRE_ERRORS."""
+    """The status, without a command; raises OSError."""
     wire: Wire
     if isinstance(settings, RobotiqModbusSettings):
         wire = ModbusWire(settings.port, settings.baud, settings.node_id)

@@ -254,7 +254,7 @@ def test_states_are_small(rig: PageRig) -> None:
         rig.page.message(float(number), "info", "something was said that is not very long")
         rig.tick(("belief", {"edge": ["o1", "p1"], "source": "action"}))
     assert sum(map(len, rig.page._server._state.values())) < 20_000
-    assert json.loads(rig.page._server._state["bracket"])["p1"]["fate"] == "placed"
+    assert json.loads(rig.page._server._state["bracket"])["p1"]["status"] == "placed"
 
 
 def test_the_picture_is_the_one_in_which_the_hand_was_found(rig: PageRig, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -170,8 +170,9 @@ class MotionPlanner:
         from bracket_cell.skills.motion.search import ways_around  # most runs never search
 
         leaving = self.scene(Load(load.opening_m, close=True))
+        clear_m = self._below_parts_m(start_rad)
         for lift_m, drop_m in LIFTS_M:
-            yield self._lifted(scene, leaving, (start_rad, goal_rad), lift_m, drop_m)
+            yield self._lifted(scene, leaving, (start_rad, goal_rad), max(lift_m, clear_m), drop_m)
         if not (scene.touches(start_rad) or scene.touches(goal_rad)):
             limits_rad = self.kinematics.limits_rad
             ends = np.array([start_rad, goal_rad])
@@ -271,13 +272,15 @@ class MotionPlanner:
 
     def _low_over_hole(self, joints_rad: Array) -> bool:
         """Whether the fingers may stand around a part in a hole, or the part between them in one."""
-        if self.around is not None:
-            return True
-        tool_m = self.kinematics.forward(joints_rad).position_m
+        return self.around is not None or self._below_parts_m(joints_rad) > 0
+
+    def _below_parts_m(self, joints_rad: Array) -> float:
+        """How far a tool over a hole must rise to pass over every part that may stand in the next one; else 0."""
+        tool_m = self.kinematics.position_m(joints_rad)
         tallest_m = max(part.size_m[2] for part in self.product.parts.values())
         x, y, z = self.bench.bracket.pose.inverse().transform(np.array(tool_m))
         near = any(np.hypot(x - a, y - b) < BESIDE_M / 2 for a, b in self.product.bracket.holes_m.values())
-        return near and z < tallest_m
+        return tallest_m + self.settings.carry_gap_m - z if near and z < tallest_m else 0.0
 
     def forget_left(self, joints_rad: Array) -> None:
         """Forget what the fingers stood around, if the tool is no longer beside it."""

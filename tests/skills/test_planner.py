@@ -158,26 +158,28 @@ def test_from_low_over_a_hole_the_tool_goes_up_first_whatever_is_known_to_stand_
         assert z > c + 0.05 or np.hypot(x - a, y - b) < 0.005
 
 
-def test_from_a_low_part_the_fingers_pass_over_the_highest_that_may_stand_in_the_next_hole(
-    planner: MotionPlanner,
+@pytest.mark.parametrize("hang_m", [0.0, 0.043])
+def test_from_a_low_part_the_way_passes_over_the_highest_that_may_stand_in_the_next_hole(
+    planner: MotionPlanner, hang_m: float
 ) -> None:
-    holes = {
-        name: hole_pose(planner.product, planner.bench, name).position_m for name in planner.product.bracket.holes_m
-    }
+    """By the fingers, or by what hangs between them."""
+    held = (Box("held", Pose((0.0, 0.0, hang_m / 2)), (0.02, 0.02, hang_m)),) if hang_m else ()
+    load, bracket = Load(0.05, (), held), planner.product.bracket.holes_m
+    holes = {name: hole_pose(planner.product, planner.bench, name).position_m for name in bracket}
     tallest_m, park = (
         max(part.size_m[2] for part in planner.product.parts.values()),
         np.array(planner.bench.arm_park_rad),
     )
     for name, (a, b, c) in holes.items():
-        low = planner.reach([Pose((a, b, c + 0.012), DOWN)], park, Load(0.05, close=True))
+        low = planner.reach([Pose((a, b, c + 0.012 + hang_m), DOWN)], park, Load(0.05, close=True))
         assert not isinstance(low, str), low
         for goal_rad in (park, np.array(planner.bench.arm_look_rad)):
-            way = planner.free_move(low[1], goal_rad, Load(0.05))
+            way = planner.free_move(low[1], goal_rad, load)
             assert isinstance(way, JointTrajectory), way
             for joints in way.positions_rad:
                 x, y, z = planner.kinematics.position_m(joints)
                 beside = min(np.hypot(x - d, y - e) for other, (d, e, _) in holes.items() if other != name)
-                assert z > c + tallest_m or beside > 0.045, (name, x, y, z)
+                assert z - hang_m > c + tallest_m or beside > 0.045, (name, x, y, z)
 
 
 def test_beside_a_person_ways_lead_back_first_and_are_sooner_for_that(planner: MotionPlanner) -> None:

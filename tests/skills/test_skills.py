@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bracket_cell.skills.grasping.contact import tool_height_m
+from bracket_cell.skills.grasping.contact import Descend, tool_height_m
 from bracket_cell.skills.grasping.handling import present_hold
 from bracket_cell.skills.grasping.phases import PhasedSkill, SetGripper
 from bracket_cell.skills.grasping.straight import MoveUntilContact
@@ -94,6 +94,17 @@ def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
         x, y, z = np.subtract(planner.kinematics.forward(joints).position_m, let_go)
         assert z > 0.02 or np.hypot(x, y) < 0.005
     assert planner.around is None
+
+
+@pytest.mark.parametrize("skill", [Pick, MoveAside])
+def test_the_way_to_a_part_in_the_tray_keeps_clear_of_parts_in_holes(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, skill: type[Pick | MoveAside]
+) -> None:
+    robot.holes = {"p5": "o3"}
+    phases = skill(planner, seen(product, "o2", 0.55, -0.4), []).prepare(robot.observe())
+    assert not isinstance(phases, str), phases
+    (descent,) = [phase for phase in phases if isinstance(phase, Descend)]
+    assert "o3 at p5" in [box.name for box in descent.load.obstacles]
 
 
 def test_around_a_part_in_its_hole_the_fingers_do_not_close_for_the_next_one(

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bracket_cell.skills.grasping.handling import (
+    bracket_boxes,
     choose_grasp,
     joints_of,
     put_phases,
+    seen_in_holes,
     slips_m,
     take_phases,
     tray_boxes,
@@ -56,7 +58,8 @@ class MoveAside(PhasedSkill):
         chosen = choose_grasp(planner, part, self.others, near)
         if isinstance(chosen, str):
             return chosen
-        take = take_phases(planner, part, self.others, chosen, carry_m)
+        placed = bracket_boxes(planner, seen_in_holes(observation))
+        take = take_phases(planner, part, self.others, chosen, carry_m, placed=placed)
         if isinstance(take, str):
             return take
         obstacles = tray_boxes(planner, self.others)

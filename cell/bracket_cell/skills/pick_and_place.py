@@ -22,6 +22,7 @@ from bracket_cell.skills.grasping.handling import (
     why_not_empty,
 )
 from bracket_cell.skills.grasping.phases import Phase, PhasedSkill
+from bracket_cell.skills.motion.collision import Box
 from bracket_cell.skills.motion.grasp_pose import hole_pose, place_poses
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
@@ -50,14 +51,14 @@ class Pick(PhasedSkill):
         """Choose a grasp."""
         if (full := why_not_empty(observation)) is not None:
             return Message("cannot take {part}: {full}", part=self.part.part, full=full)
-        return self._planned(joints_of(observation))
+        return self._planned(joints_of(observation), bracket_boxes(self.planner, seen_in_holes(observation)))
 
     def why_never(self) -> str | None:
         """Why the arm cannot take the part though nothing else stands on the bench, or None where it can."""
         found = self._planned(np.array(self.planner.bench.arm_park_rad))
         return found if isinstance(found, str) else None
 
-    def _planned(self, near_rad: Array) -> Sequence[Phase] | str:
+    def _planned(self, near_rad: Array, placed: tuple[Box, ...] = ()) -> Sequence[Phase] | str:
         planner = self.planner
         chosen = choose_grasp(planner, self.part, self.others, near_rad)
         if isinstance(chosen, str):
@@ -65,11 +66,11 @@ class Pick(PhasedSkill):
         if not self.place:
             tray = planner.bench.tray
             lifted_m = lift_m(planner, self.part, self.others, tray.centre_m[2] + tray.wall_m)
-            return take_phases(planner, self.part, self.others, chosen, lifted_m)
+            return take_phases(planner, self.part, self.others, chosen, lifted_m, placed=placed)
         place = planner.bench.places[self.place]
         lifted_m = lift_m(planner, self.part, self.others, place.rim_m)
         entry = Entry.of(planner, self.place, place)
-        return take_phases(planner, self.part, self.others, chosen, lifted_m, entry)
+        return take_phases(planner, self.part, self.others, chosen, lifted_m, entry, placed)
 
     @property
     def done(self) -> str:

@@ -98,8 +98,8 @@ class DueChange:
         changed, came, went = self._changed(before, now), now.outline & ~before.outline, before.outline & ~now.outline
         since = self._changed(self._shown[-2], now)
         for number, region in enumerate(self._regions):
-            whole = min(np.count_nonzero(came & region), np.count_nonzero(went & region)) >= self._limits.least_apart_px
-            due = (came | went) & region & (whole or not number)
+            both = min(np.count_nonzero(came & region), np.count_nonzero(went & region)) >= self._limits.least_apart_px
+            due = (came | went) & region & (both or number == 0)  # a half may hold no more than an empty edge of a box
             self._count(number, due, changed, since, (now.outline | before.outline) & region)
         for lag_s in self._behind:
             self._compare(lag_s, before, changed)

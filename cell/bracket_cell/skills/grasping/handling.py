@@ -117,16 +117,18 @@ def take_phases(
     chosen: tuple[Grasp, Array],
     carry_m: float,
     entry: Entry | None = None,
+    placed: tuple[Box, ...] = (),
 ) -> list[Phase] | str:
     """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken.
 
     Args:
+        placed: parts in holes, which the way there passes.
         entry: of the place where it stands, if that is entered from a side.
     """
     grasp, joints = chosen
     settings, name = planner.settings, part.part
     others_boxes = tray_boxes(planner, others)
-    above_part = Load(grasp.opening_m, (*others_boxes, part_box(part, planner.product, name)))
+    above_part = Load(grasp.opening_m, (*placed, *others_boxes, part_box(part, planner.product, name)))
     around_part = Load(grasp.opening_m, others_boxes, close=True)
     approach = at_height(grasp.world_from_tool, _approach_height_m(planner, part, others, grasp))
     above = planner.kinematics.follow(approach, joints)

@@ -133,7 +133,7 @@ class MotionPlanner:
         """
         self.forget_left(start_rad)
         scene = self.scene(load)
-        for way in () if self._low_over_hole(start_rad) else self.beside.soonest(start_rad, goal_rad):
+        for way in () if self._low_over_hole(start_rad, load) else self.beside.soonest(start_rad, goal_rad):
             if scene.is_free(way):
                 return self._through(scene, way)
         return self._around(scene, start_rad, goal_rad, load)
@@ -170,7 +170,7 @@ class MotionPlanner:
         from bracket_cell.skills.motion.search import ways_around  # most runs never search
 
         leaving = self.scene(Load(load.opening_m, close=True))
-        clear_m = self._below_parts_m(start_rad)
+        clear_m = self._below_parts_m(start_rad, load)
         for lift_m, drop_m in LIFTS_M:
             yield self._lifted(scene, leaving, (start_rad, goal_rad), max(lift_m, clear_m), drop_m)
         if not (scene.touches(start_rad) or scene.touches(goal_rad)):
@@ -270,16 +270,17 @@ class MotionPlanner:
         self._scenes = [(asked, scene), *self._scenes[: SCENES - 1]]
         return scene
 
-    def _low_over_hole(self, joints_rad: Array) -> bool:
+    def _low_over_hole(self, joints_rad: Array, load: Load) -> bool:
         """Whether the fingers may stand around a part in a hole, or the part between them in one."""
-        return self.around is not None or self._below_parts_m(joints_rad) > 0
+        return self.around is not None or self._below_parts_m(joints_rad, load) > 0
 
-    def _below_parts_m(self, joints_rad: Array) -> float:
-        """How far a tool over a hole must rise to pass over every part that may stand in the next one; else 0."""
+    def _below_parts_m(self, joints_rad: Array, load: Load) -> float:
+        """How far what is over a hole must rise to pass over every part that may stand in the next one; else 0."""
         tool_m = self.kinematics.position_m(joints_rad)
         tallest_m = max(part.size_m[2] for part in self.product.parts.values())
         x, y, z = self.bench.bracket.pose.inverse().transform(np.array(tool_m))
         near = any(np.hypot(x - a, y - b) < BESIDE_M / 2 for a, b in self.product.bracket.holes_m.values())
+        z -= max((box.pose.position_m[2] + box.size_m[2] / 2 for box in load.held), default=0.0)  # a tool looks down
         return tallest_m + self.settings.carry_gap_m - z if near and z < tallest_m else 0.0
 
     def forget_left(self, joints_rad: Array) -> None:

@@ -90,6 +90,7 @@ def test_a_large_tree_is_folded_searched_and_scrolled_smoothly(opened: Callable[
     )
     assert sorted(spent_ms)[20] < FRAME_MS
     reader.page.click("#close")
+    reader.page.wait_for_selector(".row")  # drawn with the next frame
     assert reader.rows() == [f"▸Sequence … {MANY}"]
     reader.page.click(".fold")
     assert reader.asks("shown.length") == 1 + MANY // 10

@@ -34,10 +34,11 @@ def image(number: int, hand: int | None = None) -> NDArray[np.uint8]:
     return drawn.astype(np.uint8)
 
 
-def outline(number: int) -> NDArray[np.uint8]:
+def outline(number: int, left_px: int = 4, right_px: int = 4) -> NDArray[np.uint8]:
+    """So many small pixels wider than the arm to its left and to its right."""
     mask = np.zeros((ROWS, COLUMNS), np.uint8)
     left = place(number)
-    mask[16 : 24 + SIDE, max(0, left - 4) : left + SIDE + 4] = 1
+    mask[16 : 24 + SIDE, max(0, left - left_px) : left + SIDE + right_px] = 1
     return mask
 
 
@@ -61,7 +62,7 @@ def test_images_in_time_are_neither_late_nor_stuck_whatever_a_hand_does(behind: 
     assert judged(behind, hand) == ("", "")
 
 
-@pytest.mark.parametrize("behind", [3, 5, 8, 12])
+@pytest.mark.parametrize("behind", [4, 5, 8, 12])
 def test_images_of_a_buffer_are_noticed_once_the_arm_moves(behind: int) -> None:
     late, stuck = judged(behind)
     assert late.startswith("the image is late: the arm is seen where it was") or stuck
@@ -72,13 +73,26 @@ def test_a_frozen_image_is_stuck_within_eight_frames_of_motion_and_for_as_long_a
 
 
 def test_an_arm_that_fills_little_of_its_boxes_is_seen_by_what_changes_inside_them() -> None:
-    due, stuck = DueChange(np.ones((ROWS, COLUMNS), bool)), []
+    assert not any(stuck for _, stuck in judged_in_wide_boxes(14, 4))
+
+
+@pytest.mark.parametrize("behind", [0, 1, 5, 8])
+@pytest.mark.parametrize("empty", [(0, 14), (14, 0)])
+def test_an_image_is_late_only_where_boxes_that_are_empty_ahead_had_left_long_before(
+    behind: int, empty: tuple[int, int]
+) -> None:
+    assert any(late for late, _ in judged_in_wide_boxes(*empty, behind)) == (behind > 1)
+
+
+def judged_in_wide_boxes(left: int, right: int, behind: int = 0) -> list[tuple[str, str]]:
+    """What is said of each image where the arm's boxes are wider than it by so many small pixels."""
+    due, said = DueChange(np.ones((ROWS, COLUMNS), bool)), []
     for number in range(90):
-        wide = np.maximum(outline(number), np.roll(outline(number), -10, axis=1))
-        frame = Frame("overhead", number, number / RATE_HZ, image(number), Pose((0, 0, 1)), ROBOT)
-        due.see(frame, image(number), wide)
-        stuck.append(due.stuck)
-    assert not any(stuck)
+        small = image(number - behind)
+        frame = Frame("overhead", number, number / RATE_HZ, small, Pose((0, 0, 1)), ROBOT)
+        due.see(frame, small, outline(number, left, right))
+        said.append((due.late, due.stuck))
+    return said
 
 
 def test_without_the_arms_place_nothing_is_said() -> None:

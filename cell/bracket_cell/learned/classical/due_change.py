@@ -2,7 +2,7 @@
 
 Since an earlier frame the robot's outline has come to some places and gone from others. A live image has changed there,
 or inside the outline, which is wider than the robot; a frozen one has not, whatever noise is added to it; one that is
-late has changed where the robot was moving before.
+late changes where no outline is any more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class DueChangeLimits:
 
     Attributes:
         step_s: [s] between the images that are compared.
-        lags_s: [s] by which images may be late.
+        slack_s: [s] by which images are late in a sound cell at most: .04 s behind the twins' wires, and a frame more.
+        lags_s: [s] by which images may be late otherwise.
         levels: [grey levels] by which the mean of 3 x 3 small pixels changes that show something else.
         least_px: [small pixels] in which change is due, from which it is looked for.
         least_apart_px: [small pixels] likewise, to which the robot has come, or from which it went the lag before.
@@ -38,6 +39,7 @@ class DueChangeLimits:
     """
 
     step_s: float = 0.2
+    slack_s: float = 0.14
     lags_s: tuple[float, ...] = (0.2, 0.3, 0.5, 0.8)
     levels: float = 6.0
     least_px: int = 100
@@ -123,13 +125,17 @@ class DueChange:
             self._unseen[number] = 0
 
     def _compare(self, lag_s: float, last: _Shown, changed: Mask) -> None:
-        """Whether the image shows since the last one what the robot did a time before."""
+        """Whether the image shows since the last one what the robot did a time before, in places that it left by then.
+
+        Where the outline is wider than the robot, what is ahead changes late in a live image, what is behind too early.
+        """
         limits, now_s = self._limits, self._shown[-1].time_s
         then, before = self._at(now_s - lag_s), self._at(now_s - lag_s - limits.step_s)
         if then is None or before is None or self.late:
             return
         outlines = [shown.outline for shown in (self._shown[-1], last, then, before)]
-        here, there = _alone(outlines[0], outlines[1:]), _alone(outlines[3], outlines[:3])
+        since = [shown.outline for shown in self._shown if shown.time_s > now_s - limits.step_s - limits.slack_s]
+        here, there = _alone(outlines[0], outlines[1:]), _alone(outlines[3], [then.outline, *since])
         here, there = here & self._regions[0], there & self._regions[0]
         if min(np.count_nonzero(here), np.count_nonzero(there)) < limits.least_apart_px:
             return

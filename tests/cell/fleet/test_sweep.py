@@ -29,11 +29,11 @@ SPEC = "seeds: {first: 3, count: 3}\nmax_duration_s: 0.3\ngoals: [g0, g1]\n"
 
 
 def decided(row: dict[str, Any]) -> dict[str, Any]:
-    """What of a row does not hang on the machine, as the table holds it."""
+    """What of a row does not hang on the machine, as the table holds it: there an empty text is no value."""
     return {
         name: json.dumps(value) if isinstance(value, dict | list) else value
         for name, value in row.items()
-        if not name.startswith(WALL) and value is not None
+        if not name.startswith(WALL) and value not in (None, "")
     }
 
 

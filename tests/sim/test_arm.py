@@ -147,6 +147,16 @@ def test_an_arm_that_meets_something_stops_and_says_why(make_rig: MakeRig, bench
     assert rig.cell.arm.state().mode == "normal"
 
 
+def test_a_knock_between_two_control_periods_stops_the_arm(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    shoulder = rig.cell.world.arm_qvel[1]
+    rig.cell.world.data.qfrc_constraint[shoulder] = 500.0
+    rig.cell.arm.observe(0.002)
+    rig.cell.world.data.qfrc_constraint[shoulder] = 0.0
+    rig.wait(0.02)
+    assert "something pushes the tool" in rig.cell.arm.state().reason
+
+
 def test_joints_are_measured_at_500_hz_and_handed_out_once(make_rig: MakeRig, bench: Bench) -> None:
     rig = make_rig()
     arm = rig.cell.arm

@@ -19,7 +19,7 @@ TRACKING_PERIODS = 5
 FORCE_LIMIT_N = 150.0  # at the tool, as usual safety configurations have it; a bracket's assembly takes below 5 N
 SINGULAR = 1e-3  # of the largest singular value: a direction in which the joints feel nothing
 FELT_NM = 1.0  # a joint that feels less does not show such a force: the tool's centre would be 7 mm from its axis
-FORCE_SHARE = 0.2  # of a new force in the told one: a time constant of 5 control periods
+FORCE_SHARE = 0.2  # of a new force in that of `ArmState`: a time constant of 5 control periods
 KEPT_SAMPLES = 4096  # for as long as nobody takes them; the oldest give way
 
 
@@ -98,7 +98,8 @@ class SimArm:
         self._fault, self._late_periods = None, 0
 
     def observe(self, time_s: float, /) -> None:
-        """Measure the joints."""
+        """Measure the joints, and what pushes the tool: a knock is over before the next control period."""
+        self._watch_force(tool_force_n(self._world))
         data, joints = self._world.data, self._joints
         row = self._samples[self._sampled % KEPT_SAMPLES]
         row[0] = time_s
@@ -116,7 +117,9 @@ class SimArm:
     def update(self, time_s: float, dt_s: float) -> None:
         """Set the servos for one control period."""
         self._watch_tracking()
-        self._watch_force()
+        felt_n = tool_force_n(self._world)
+        self._watch_force(felt_n)
+        self._force_n = self._force_n + FORCE_SHARE * (felt_n - self._force_n)
         here = self._path.at_rad
         silent = self._time_s - self._heard_s > self._keep_alive_s
         there = self._path.advance(0.0 if silent else self._share, dt_s)
@@ -143,10 +146,8 @@ class SimArm:
                 f"limit {TRACKING_LIMIT_RAD} rad"
             )
 
-    def _watch_force(self) -> None:
-        """Protective stop once something pushes the tool, as the joints feel it; they tell it smoothed."""
-        felt_n = tool_force_n(self._world)
-        self._force_n = self._force_n + FORCE_SHARE * (felt_n - self._force_n)
+    def _watch_force(self, felt_n: Array) -> None:
+        """Protective stop once something pushes the tool, as the joints feel it."""
         if (force_n := float(np.linalg.norm(felt_n))) > FORCE_LIMIT_N:
             self._protect(f"something pushes the tool with {force_n:.0f} N, limit {FORCE_LIMIT_N:.0f} N")
 

@@ -29,6 +29,7 @@ DEFAULT = "ur10"
 WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
 SAME_RAD = 1e-9  # two angles are the same
 SPEEDS_UP_S, JERKS_S = 0.5, 0.125  # to the full speed, to the full acceleration, where no file says
+MOST_SPEED = 50.0  # in [rad/s]; a value in degrees is beyond it
 ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
 Positive = Annotated[float, Field(gt=0, le=100_000)]
@@ -245,9 +246,10 @@ def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
             yield f"{joint}: no value is within its limits, {low:g} to {high:g} rad"
     if not robot.moving_kg and any(limits.momentum_kg_m_s for _, limits in robot.safety):
         yield "safety: momentum_kg_m_s, and the URDF has no masses to work it out by"
-    for joint, speed in zip(robot.joints, speeds, strict=False):
-        if not speed > 0:
-            yield f"{joint}: no speed, neither as velocity in the URDF nor as speed_rad_s in the robot's file"
+    if still := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if not speed > 0]:
+        yield f"{', '.join(still)}: no speed, neither as velocity in the URDF nor as speed_rad_s in the robot's file"
+    if fast := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if speed > MOST_SPEED]:
+        yield f"{', '.join(fast)}: faster than any arm, must be at most {MOST_SPEED:g} rad/s"
 
 
 def _wrong_counts(robot: RobotModel) -> Iterator[str]:

@@ -4,24 +4,44 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
-XACRO = "xacro}"  # end of the namespace, of which there are several
+XACRO = "xacro:"
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
 MOST_LINKS = 500  # a humanoid has a third of that
 FINGER_JOINTS = 4  # a branch with more of them is an arm
 TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
-MOVES = ("revolute", "prismatic")
+MOST_TURNS = 10  # each way
+MOVES = ("revolute", "continuous", "prismatic")
+MOST_M = 100.0  # a length beyond it is in other units
+MOMENTS = ("ixx", "iyy", "izz")
+INERTIAL = {"mass": ("value",), "inertia": (*MOMENTS, "ixy", "ixz", "iyz")}
+SHAPES = {
+    "box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
+    "mesh": ("filename",),
+}  # fmt: skip
 NUMBERS = {
     **dict.fromkeys(("xyz", "rpy", "size", "scale"), 3),
-    **dict.fromkeys(("lower", "upper", "radius", "length", "velocity", "effort"), 1),
+    **dict.fromkeys(("lower", "upper", "radius", "length", "velocity", "effort", "value", *INERTIAL["inertia"]), 1),
 }
-
 EXTENTS = ("size", "radius", "length")
+NEVER_NEGATIVE = ("velocity", "effort", "value", *MOMENTS)
+NAMED = ("link", "joint")
+READ = {
+    *NAMED, "inertial", *INERTIAL, "visual", "collision", "origin", "geometry", *SHAPES,
+    "parent", "child", "axis", "limit",
+}  # fmt: skip
+
+
+class Tag(ElementTree.Element):
+    """An element that knows its line in the file."""
+
+    line = 0
 
 
 def parsed(text: str, path: Path, flange: str) -> tuple[ElementTree.Element, list[str]]:
@@ -31,29 +51,43 @@ def parsed(text: str, path: Path, flange: str) -> tuple[ElementTree.Element, lis
         ValueError: with what is wrong with it.
     """
     root = element(text, path)
-    still: list[str] = []
-    wrong = [*_wrong_tree(root, flange), *_wrong_numbers(root)]
-    if not wrong:
-        still = held_still(root, flange)
-        _make_alike(root, flange, still)
-        wrong = [*_wrong_joints(root, flange)]
-    if wrong:
+    links = [link.get("name", "") for link in root.findall("link")]
+    if flange not in links:
+        raise ValueError(
+            f"{path}: no link is the flange {flange!r} (`flange` of the robot's file); links: {', '.join(links)}"
+        )
+    still = held_still(root, flange)
+    _reduce(root, flange, still)
+    if wrong := [*_wrong_numbers(root), *_wrong_solids(root)] or [*_wrong_joints(root, flange)]:
         raise ValueError(f"{path}: {'; '.join(wrong)}")
+    _normalise(root)
     return root, still
 
 
 def element(text: str, path: Path) -> ElementTree.Element:
-    """The root of a URDF; raises ValueError where it is none."""
+    """The root of a URDF, whose links are a tree, its entries with their lines; raises ValueError where it is none."""
+    parser = expat.ParserCreate()
+
+    def placed(name: str, values: dict[str, str]) -> Tag:
+        tag = Tag(name, {key: value for key, value in values.items() if key != "xmlns" and ":" not in key})
+        tag.line = parser.CurrentLineNumber
+        return tag
+
+    builder = ElementTree.TreeBuilder(element_factory=placed)
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
         raise ValueError(f"{path}: not a URDF: {error}") from None
+    root = builder.close()
     if root.tag != "robot":
         raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
     if (count := len(root.findall("link"))) > MOST_LINKS:
         raise ValueError(f"{path}: has {count} links, at most {MOST_LINKS} are read")
-    if any(XACRO in entry.tag for entry in root.iter()):
+    if any(entry.tag.startswith(XACRO) for entry in root.iter()):
         raise ValueError(f"{path}: holds macros: let `xacro` make a URDF of it")
+    if wrong := [*_wrong_tree(root)]:
+        raise ValueError(f"{path}: {'; '.join(wrong)}")
     return root
 
 
@@ -154,24 +188,23 @@ def likely_flange(root: ElementTree.Element) -> str:
     carried: dict[str, list[ElementTree.Element]] = {}
     for joint in root.findall("joint"):
         carried.setdefault(_end(joint, "parent"), []).append(joint)
-
-    def deep(joint: ElementTree.Element, above: frozenset[str] = frozenset()) -> int:
-        child = _end(joint, "child")
-        if child in above:
-            return 0
-        more = max((deep(below, above | {child}) for below in carried.get(child, ())), default=0)
-        return more + (joint.get("type") != "fixed")
-
     children = {_end(joint, "child") for joint in root.findall("joint")}
-    link = next((name for tag in root.findall("link") if (name := tag.get("name", "")) not in children), "")
-    seen, moved = {link}, 0
-    while ways := [joint for joint in carried.get(link, ()) if _end(joint, "child") not in seen]:
-        moving = [deep(joint) for joint in ways]
+    link = next(name for tag in root.findall("link") if (name := tag.get("name", "")) not in children)
+    outwards = list(carried.get(link, ()))
+    for joint in outwards:
+        outwards += carried.get(_end(joint, "child"), ())
+    deep: dict[str, int] = {}  # how many joints move at most from the one before a link to its fingers' ends
+    for joint in reversed(outwards):
+        child = _end(joint, "child")
+        below = (deep[_end(other, "child")] for other in carried.get(child, ()))
+        deep[child] = max(below, default=0) + (joint.get("type") != "fixed")
+    moved = 0
+    while ways := carried.get(link, ()):
+        moving = [deep[_end(joint, "child")] for joint in ways]
         if moved >= LEAST_JOINTS and sum(count > 0 for count in moving) > 1 and max(moving) <= FINGER_JOINTS:
             break
         onwards = ways[moving.index(max(moving))]
         moved, link = moved + (onwards.get("type") != "fixed"), _end(onwards, "child")
-        seen.add(link)
         if link in (FLANGE, "flange") and moved >= LEAST_JOINTS:
             break
     return link
@@ -188,7 +221,7 @@ def held_still(root: ElementTree.Element, flange: str = FLANGE) -> list[str]:
     ]
 
 
-def _make_alike(root: ElementTree.Element, flange: str, still: list[str]) -> None:
+def _reduce(root: ElementTree.Element, flange: str, still: list[str]) -> None:
     """What hangs on the flange gives way to the cell's gripper; joints beside the arm are held at 0."""
     beyond = _beyond(root, flange)
     for joint in root.findall("joint"):
@@ -196,15 +229,50 @@ def _make_alike(root: ElementTree.Element, flange: str, still: list[str]) -> Non
             root.remove(joint)
         elif joint.get("name", "") in still:
             joint.set("type", "fixed")
-        elif joint.get("type") == "continuous":
+    for link in root.findall("link"):
+        if link.get("name") in beyond:
+            root.remove(link)
+
+
+def _normalise(root: ElementTree.Element) -> None:
+    """What the libraries read differently, or print about, becomes the same to all."""
+    root.attrib = {"name": "arm"}
+    for item in root.iter():
+        item[:] = [part for part in item if part.tag in READ]
+    for joint in root.findall("joint"):
+        if (axis := joint.find("axis")) is not None:
+            values = [float(word) for word in axis.get("xyz", "1 0 0").split()]
+            axis.set("xyz", " ".join(repr(value / (math.hypot(*values) or 1.0)) for value in values))
+        if joint.get("type") == "fixed":
+            continue
+        limit = joint.find("limit")
+        limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+        if joint.get("type") == "continuous":
             joint.set("type", "revolute")
-            limit = joint.find("limit")
-            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            limit.set("lower", str(-TURN_RAD))
-            limit.set("upper", str(TURN_RAD))
-    for item in [*root.findall("link"), *root.findall("transmission"), *root.findall("gazebo")]:
-        if item.tag != "link" or item.get("name") in beyond:
-            root.remove(item)
+            limit.attrib.update(lower=str(-TURN_RAD), upper=str(TURN_RAD))
+        for key in ("lower", "upper", "velocity", "effort"):
+            limit.attrib.setdefault(key, "0")
+    for link in root.findall("link"):
+        for shape in [*link.findall("collision"), *link.findall("visual")]:
+            if (capsule := shape.find("geometry/capsule")) is not None:
+                link.extend(_capsule_ends(shape, capsule))
+                capsule.tag = "cylinder"
+
+
+def _capsule_ends(shape: ElementTree.Element, capsule: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """The balls at both ends of a capsule, which Pinocchio's reader of URDFs does not know."""
+    origin = {} if (found := shape.find("origin")) is None else found.attrib
+    x, y, z = map(float, origin.get("xyz", "0 0 0").split())
+    roll, pitch, yaw = map(float, origin.get("rpy", "0 0 0").split())
+    tilt = math.cos(roll) * math.sin(pitch)
+    dx = tilt * math.cos(yaw) + math.sin(roll) * math.sin(yaw)
+    dy = tilt * math.sin(yaw) - math.sin(roll) * math.cos(yaw)
+    dz = math.cos(roll) * math.cos(pitch)
+    for half in (-float(capsule.get("length", "")) / 2, float(capsule.get("length", "")) / 2):
+        ball = ElementTree.Element(shape.tag)
+        ElementTree.SubElement(ball, "origin", xyz=f"{x + half * dx!r} {y + half * dy!r} {z + half * dz!r}")
+        ElementTree.SubElement(ElementTree.SubElement(ball, "geometry"), "sphere", radius=capsule.get("radius", ""))
+        yield ball
 
 
 def _beyond(root: ElementTree.Element, flange: str) -> set[str]:
@@ -216,11 +284,14 @@ def _beyond(root: ElementTree.Element, flange: str) -> set[str]:
     return found - {flange}
 
 
-def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
-    """Whether links and joints are a tree with the flange in it."""
+def _wrong_tree(root: ElementTree.Element) -> Iterator[str]:
+    """Whether links and joints are a tree."""
     links = [link.get("name", "") for link in root.findall("link")]
-    if flange not in links:
-        yield f"no link is the flange {flange!r} (`flange` of the robot's file); links: {', '.join(links) or 'none'}"
+    if not links:
+        yield "has no <link>"
+        return
+    yield from (f"{_at(item)}a <{item.tag}> has no name" for item in root
+                if item.tag in NAMED and not item.get("name"))  # fmt: skip
     yield from (f"two links are named {link!r}" for link, count in Counter(links).items() if count > 1)
     joints = Counter(joint.get("name", "") for joint in root.findall("joint"))
     yield from (f"two joints are named {joint!r}" for joint, count in joints.items() if count > 1)
@@ -234,18 +305,46 @@ def _wrong_tree(root: ElementTree.Element, flange: str) -> Iterator[str]:
 
 
 def _wrong_numbers(root: ElementTree.Element) -> Iterator[str]:
-    for item in root:
-        if item.tag not in ("link", "joint"):
-            continue
-        for part in item.iter():
-            for key, count in NUMBERS.items():
-                if key not in part.attrib:
+    for item in (item for item in root if item.tag in NAMED):
+        for part in (part for part in item.iter() if part.tag in READ):
+            for key in sorted(part.attrib.keys() & NUMBERS):
+                where = f"{_at(part)}{item.get('name')}: <{part.tag}> has {key}={part.attrib[key]!r}"
+                if not _are_numbers(part.attrib[key], NUMBERS[key]):
+                    yield f"{where}, must be finite numbers: {NUMBERS[key]}"
                     continue
-                where = f"{item.get('name')}: <{part.tag}> has {key}={part.attrib[key]!r}"
-                if not _are_numbers(part.attrib[key], count):
-                    yield f"{where}, must be finite numbers: {count}"
-                elif key in EXTENTS and min(map(float, part.attrib[key].split())) <= 0:
+                values = [float(word) for word in part.attrib[key].split()]
+                if key in EXTENTS and min(values) <= 0:
                     yield f"{where}, must be above 0"
+                elif key == "scale" and 0 in values:
+                    yield f"{where}, none may be 0"
+                elif key in NEVER_NEGATIVE and min(values) < 0:
+                    yield f"{where}, must be 0 or more"
+                elif key in ("xyz", *EXTENTS) and part.tag != "axis" and max(map(abs, values)) > MOST_M:
+                    yield f"{where}, must be at most {MOST_M:g}: a URDF is in metres"
+
+
+def _wrong_solids(root: ElementTree.Element) -> Iterator[str]:
+    """Whether shapes and masses are whole."""
+    solid = "visual" if root.find("link/collision") is None else "collision"
+    for link in root.findall("link"):
+        for shape in link.findall(solid):
+            if len(found := shape.findall("geometry/*")) != 1 or found[0].tag not in SHAPES:
+                tags = ", ".join(f"<{part.tag}>" for part in found) or "nothing"
+                yield f"{_at(shape)}{link.get('name')}: <{solid}> has {tags}, must have one of {', '.join(SHAPES)}"
+            else:
+                yield from _lacking(link, found[0], SHAPES[found[0].tag])
+        for inertial in link.findall("inertial"):
+            for tag, keys in INERTIAL.items():
+                yield from _lacking(link, part if (part := inertial.find(tag)) is not None else inertial, keys)
+
+
+def _lacking(link: ElementTree.Element, part: ElementTree.Element, keys: Sequence[str]) -> Iterator[str]:
+    if missing := [key for key in keys if key not in part.attrib]:
+        yield f"{_at(part)}{link.get('name')}: <{part.tag}> lacks {', '.join(missing)}"
+
+
+def _at(item: ElementTree.Element) -> str:
+    return f"line {item.line}: " if isinstance(item, Tag) and item.line else ""
 
 
 def _are_numbers(text: str, count: int) -> bool:
@@ -253,7 +352,7 @@ def _are_numbers(text: str, count: int) -> bool:
         values = [float(word) for word in text.split()]
     except ValueError:
         return False
-    return len(values) == count and all(map(math.isfinite, values))
+    return len(values) == count and all(map(math.isfinite, values)) and text.isascii() and "_" not in text
 
 
 def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
@@ -262,15 +361,21 @@ def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
     if len(turning) < LEAST_JOINTS:
         yield f"{len(turning)} joints move the flange {flange!r}, must be {LEAST_JOINTS} or more"
     for joint in turning:
-        name, axis = joint.get("name"), joint.find("axis")
+        name, axis = f"{_at(joint)}{joint.get('name')}", joint.find("axis")
         if joint.get("type") not in MOVES:
-            yield f"{name} is {joint.get('type')}, must be {', continuous or '.join(MOVES)}"
+            yield f"{name} is {joint.get('type') or 'of no type'}, must be {', '.join(MOVES)}"
+        elif (limit := joint.find("limit")) is None and joint.get("type") != "continuous":
+            yield f"{name} has no <limit>, must have its lower, upper, velocity and effort"
+        elif joint.get("type") == "revolute" and limit is not None and _turns(limit) > MOST_TURNS:
+            yield f"{name} turns more than {MOST_TURNS} times: limits are in radians; a joint without end is continuous"
         elif joint.find("mimic") is not None:
             yield f"{name} mimics another joint, must move by itself"
-        elif joint.find("limit") is None:
-            yield f"{name} has no limit"
         elif axis is not None and not any(map(float, axis.get("xyz", "1 0 0").split())):
             yield f"{name} has no axis: its three numbers are 0"
+
+
+def _turns(limit: ElementTree.Element) -> float:
+    return max(abs(float(limit.get(side, 0))) for side in ("lower", "upper")) / TURN_RAD
 
 
 def _end(joint: ElementTree.Element, side: str) -> str:

@@ -5,20 +5,59 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import coal
+import numpy as np
+import pinocchio
 import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_ground.interfaces.robot import FOLDER
+from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.interfaces.robot import FOLDER, RobotModel, complete
+from bracket_ground.interfaces.urdf import element, likely_flange
 from tests.arms import DRAWN, cell_file, robot_file
 
 SEVEN = DRAWN["seven"].urdf()
 BOX = '<collision><geometry><box size=".1 .1 {}"/></geometry></collision></link><joint name="ax3"'
+MASS = '<inertial>{}</inertial></link><joint name="ax3"'
+WHOLE = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+
+
+def solid(shape: str) -> str:
+    """A description one of whose links has this for a collision shape."""
+    return SEVEN.replace('</link><joint name="ax3"', f'<collision>{shape}</collision></link><joint name="ax3"', 1)
+
+
+def heavy(values: str) -> str:
+    """A description one of whose links has such a mass and inertia."""
+    return SEVEN.replace('</link><joint name="ax3"', MASS.format(values), 1)
+
+
 BROKEN = {
     "no XML": ("<robot", "not a URDF"),
     "another root": ("<sdf/>", "its root is <sdf>"),
     "macros": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:arm/></robot>", "let `xacro` make a URDF"),
-    "nothing in it": ("<robot name='a'/>", "must have one base"),
+    "nothing in it": ("<robot name='a'/>", "has no <link>"),
+    "a link without name": (SEVEN.replace('<link name="foot"/>', "<link/>").replace('"foot"', '""'), "has no name"),
+    "a joint without name": (SEVEN.replace('name="ax3" ', ""), "a <joint> has no name"),
+    "a joint of no type": (SEVEN.replace('name="ax3" type="revolute"', 'name="ax3"'), "ax3 is of no type"),
+    "a number of Python's": (SEVEN.replace('upper="3.05"', 'upper="3_05"'), "must be finite numbers"),
+    "digits of another script": (SEVEN.replace('upper="3.05"', 'upper="\u0663"'), "must be finite numbers"),
+    "millimetres": (SEVEN.replace("0 0 0.2155", "0 0 215.5"), "a URDF is in metres"),
+    "degrees": (SEVEN.replace('upper="3.05"', 'upper="175"'), "limits are in radians"),
+    "degrees a second": (SEVEN.replace('velocity="2.2"', 'velocity="180"'), "at most 50 rad/s"),
+    "a negative torque": (SEVEN.replace('effort="120"', 'effort="-120"'), "must be 0 or more"),
+    "a shape of no kind": (solid("<geometry><cone/></geometry>"), "<collision> has <cone>, must have one of box"),
+    "no shape": (solid("<geometry/>"), "<collision> has nothing, must have one of box"),
+    "two shapes at once": (solid("<geometry><box/><sphere/></geometry>"), "has <box>, <sphere>, must have one of"),
+    "a ball of no size": (solid("<geometry><sphere/></geometry>"), "<sphere> lacks radius"),
+    "a mesh of no file": (solid("<geometry><mesh/></geometry>"), "<mesh> lacks filename"),
+    "a mesh drawn flat": (solid('<geometry><mesh filename="a" scale="0 1 1"/></geometry>'), "none may be 0"),
+    "no mass": (heavy(WHOLE.replace(' value="1"', "")), "<mass> lacks value"),
+    "no inertia": (heavy('<mass value="1"/>'), "<inertial> lacks ixx"),
+    "a negative mass": (heavy(WHOLE.replace('value="1"', 'value="-1"')), "must be 0 or more"),
+    "a mass in words": (heavy(WHOLE.replace('value="1"', 'value="light"')), "must be finite numbers"),
     "links without end": (f"<robot name='a'>{'<link/>' * 501}</robot>", "has 501 links, at most 500"),
     "words for numbers": (SEVEN.replace('lower="-2.09"', 'lower="left"', 1), "must be finite numbers"),
     "no finite number": (SEVEN.replace('xyz="0 0 0.2155"', 'xyz="0 0 nan"', 1), "must be finite numbers"),
@@ -58,7 +97,71 @@ def test_what_is_wrong_with_a_description_is_said(name: str, folder: Path, capsy
     told = said(capsys)
     assert words in told
     assert told.count("a.urdf") == 1
+    assert "urdfdom" not in told
     assert not (folder / "checked_a.png").exists()
+
+
+def test_what_is_wrong_has_its_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "a.urdf").write_text(SEVEN.replace("><", ">\n<").replace('upper="3.05"', 'upper="left"'))
+    assert main(["check", "a.urdf"]) == 2
+    line = next(n for n, row in enumerate((folder / "a.urdf").read_text().split("\n"), 1) if "left" in row)
+    assert f"line {line}: ax6: <limit> has upper='left'" in said(capsys)
+
+
+ODD = {
+    "no name of the robot": SEVEN.replace(' name="drawn"', ""),
+    "no torques": SEVEN.replace(' effort="120"', ""),
+    "another namespace": SEVEN.replace("<robot", '<robot xmlns="http://www.ros.org" xmlns:b="urn:b" b:c="1"'),
+    "words of others": SEVEN.replace("</robot>", '<material/><b:c/><sensor name="s"/></robot>'),
+    "a joint's words of others": SEVEN.replace("</joint>", "<safety_controller/><dynamics/><b:c/></joint>"),
+    "a long axis": SEVEN.replace('axis xyz="0 1 0"', 'axis xyz="0 1e200 0"'),
+    "a short axis": SEVEN.replace('axis xyz="0 1 0"', 'axis xyz="0 1e-200 0"'),
+    "Windows' lines": SEVEN.replace("><", ">\r\n<"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_is_odd_and_means_the_same_is_read_the_same(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    usual, odd = (load_drawn(tmp_path, text) for text in (SEVEN, ODD[name]))
+    assert capfd.readouterr().err == ""
+    assert len(odd.joint_names) == 7
+    joints = np.full(7, 0.3)
+    assert np.allclose(kinematics(odd).position_m(joints), kinematics(usual).position_m(joints), atol=1e-9)
+
+
+def load_drawn(folder: Path, text: str) -> RobotModel:
+    file = folder / f"{abs(hash(text))}.urdf"
+    file.write_text(text)
+    return complete(RobotModel(name="a", urdf=str(file), flange="plate"))
+
+
+def kinematics(robot: RobotModel) -> Kinematics:
+    return Kinematics(MotionSettings().of(robot))
+
+
+def test_a_capsule_is_as_solid_as_it_is_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    origin = '<origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/>'
+    text = solid(f'{origin}<geometry><capsule radius="0.05" length="0.2"/></geometry>')
+    robot = load_drawn(tmp_path, text)
+    model = pinocchio.buildModelFromXML(robot.urdf_text)
+    shapes = pinocchio.buildGeomFromUrdfString(model, robot.urdf_text, pinocchio.GeometryType.COLLISION)
+    own = [item for item in shapes.geometryObjects if item.name.startswith("l3_")]
+    balls = [item.placement.translation for item in own if isinstance(item.geometry, coal.Sphere)]
+    place = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.4, 0.5, 0.6), np.array([0.1, 0.2, 0.3]))
+    assert np.allclose(sorted(map(tuple, balls)), sorted(tuple(place.act(np.array([0, 0, z]))) for z in (-0.1, 0.1)))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_long_chain_and_a_lattice_are_read_soon(tmp_path: Path) -> None:
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/></joint>'
+    links = "".join(f'<link name="{n}"/>' for n in range(400))
+    chain = "".join(joint.format(f"j{n}", n, n + 1) for n in range(399))
+    assert likely_flange(element(f"<robot>{links}{chain}</robot>", tmp_path)) == "399"
+    lattice = "".join(joint.format(f"{side}{n}", n, n + 1) for n in range(399) for side in "ab")
+    with pytest.raises(ValueError, match="two joints carry"):
+        likely_flange(element(f"<robot>{links}{lattice}</robot>", tmp_path))
 
 
 def test_a_file_of_macros_is_no_tree(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

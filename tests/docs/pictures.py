@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from bracket_cell.trees.node_library import node_registry
 from btxml.views.picture import picture
 from tests import ROOT
-from tests.docs import architecture, figures, old_logs, reference, reference_pages
+from tests.docs import architecture, command_pages, figures, old_logs, reference, reference_pages
 
 
 def _tree(name: str) -> Callable[[], str]:
@@ -34,6 +34,7 @@ def _conformance() -> str:
 MADE: dict[str, Callable[[], str]] = {
     **{name: partial(_reference, name) for name in reference.pages()},
     **reference_pages.PAGES,
+    **command_pages.PAGES,
     "docs/reference/old-logs.md": old_logs.page,
     "docs/reference/conformance.md": _conformance,
     "docs/architecture.svg": lambda: architecture.picture(ROOT),

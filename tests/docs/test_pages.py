@@ -8,7 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from bracket_sim.scene.person import PERSONS
 from tests import ROOT
+from tests.cell.commands.test_surface import whole
 
 DOCS = ROOT / "docs"
 RESEARCH = sorted((DOCS / "research").glob("*.md"))
@@ -17,6 +19,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ENTRY = re.compile(r"- (?:[^:\n]+: )?([\w/*-]+\.md)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`((?:ground|engine|cell|trees|skills|learned|sim|lab|config|tests|docs)/[\w/.]+\.\w+)`")
+TYPED = re.compile(r"(?:^    |^|`)(?:CLONE/)?cell ([a-z][^`\n]*)", re.MULTILINE)
 MOST_WORDS, MOST_WORDS_IN_ALL = 1300, 19_000
 OWN = ("config/cell.yaml", "trees/mine.xml", "tests/trees/test_patient.py")  # of the reader
 
@@ -52,6 +55,33 @@ def test_every_page_is_in_the_nav_of_the_site() -> None:
     names = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     listed = {path.relative_to(DOCS).as_posix() for entry in ENTRY.findall(nav) for path in DOCS.glob(entry)}
     assert names - listed == set()
+
+
+def test_commands_and_options_that_pages_show_exist() -> None:
+    """In blocks, in code between words, and over the end of a line."""
+    shown = [
+        (page.name, said)
+        for page in [*PAGES, *RESEARCH, ROOT / "editor" / "README.md"]
+        for said in TYPED.findall(re.sub(r"#.*|(?<=[^`\n])\n(?! )", " ", page.read_text()))
+    ]
+    assert len(shown) > 150
+    assert [f"{page}: cell {said}" for page, said in shown if not _exists(said)] == []
+
+
+def _exists(said: str) -> bool:
+    """Whether a command line names a command, and options of it."""
+    command = whole()
+    words = said.split()
+    while words and words[0] in getattr(command, "commands", {}):
+        command = command.commands[words.pop(0)]
+    legal = {name for param in command.params for name in [*param.opts, *param.secondary_opts]} | {"--version"}
+    return all(word.partition("=")[0] in legal for word in words if word.startswith("--"))
+
+
+def test_every_person_is_on_its_page() -> None:
+    page = (DOCS / "people.md").read_text()
+    names = {path.stem for path in (ROOT / "config" / "people").glob("*.yaml")}
+    assert [name for name in sorted(names | set(PERSONS)) if not re.search(rf"\b{name}\b", page)] == []
 
 
 def test_what_leaves_this_machine_names_every_key_and_target_that_reaches_beyond() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from bracket_ground.files.model import Model
 from tests import ROOT
+from tests.cell.commands.test_surface import leaves, whole
 from tests.docs.reference import FILES, FOLDER, INDEX, pages, sections, undocumented
 
 
@@ -77,3 +78,19 @@ def test_every_key_stands_on_a_page(model: type[Model]) -> None:
     rows = [line for text in pages().values() for line in text.splitlines() if line.startswith("| `")]
     keys = [key for section in sections(model.model_json_schema()) for key in section.schema["properties"]]
     assert [key for key in keys if not any(row.startswith(f"| `{key}` |") for row in rows)] == []
+
+
+def test_every_command_and_option_of_the_product_stands_on_the_page_of_commands() -> None:
+    told = (ROOT / "docs" / "reference" / "commands.md").read_text().split("\n## cell ")[1:]
+    rows = {section.partition("\n")[0]: section for section in told}
+    commands = {" ".join(path): each for path, each in leaves(whole(), ())}
+    assert set(commands) <= set(rows)
+    missing = [
+        (name, option)
+        for name, each in commands.items()
+        for param in each.params
+        if not param.hidden and param.name != "help"
+        for option in [*param.opts, *param.secondary_opts]
+        if option.startswith("--") and f"| `{option}" not in rows[name] and f" / {option}" not in rows[name]
+    ]
+    assert missing == []

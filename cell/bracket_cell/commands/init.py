@@ -13,9 +13,10 @@ from bracket_cell.commands.terminal import console
 from bracket_cell.trees.node_library import node_registry
 from bracket_ground.files.files import shipped, write_new
 
+TREES = ("ahead", "algorithm1", "assemble", "clear_and_grasp", "shift", "shift_ahead")
 SHIPPED = {
     "config": ("cell.yaml", "sim.yaml", "products.yaml", "products_steel.yaml"),
-    "trees": ("ahead.xml", "algorithm1.xml", "assemble.xml", "clear_and_grasp.xml", "shift.xml", "shift_ahead.xml"),
+    "trees": (*(f"{name}.xml" for name in TREES), "assembly.rules.yaml"),
 }
 OWN = ("README.md", "AGENTS.md", "tests/test_assemble.py")
 NODES = "nodes: [nodes] # nodes of your own, which every command loads; `cell new leaf NAME` writes the first\n"
@@ -24,10 +25,12 @@ EDITOR = """{
   "xml.fileAssociations": [{"pattern": "trees/**/*.xml", "systemId": "config/schema/trees.xsd"}]
 }
 """
-# Lets `pytest` find the folder `nodes`, however it is started.
+# Lets `pytest` find the folder `nodes`, however it is started, and know what marks a run in simulation.
 PYTEST = """[tool.pytest.ini_options]
 pythonpath = ["."]
 testpaths = ["tests"]
+markers = ["slow: runs the simulated cell"]
+filterwarnings = ["ignore:Please update your 'hppfcl' imports:DeprecationWarning"]
 """
 
 

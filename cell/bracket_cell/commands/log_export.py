@@ -37,7 +37,7 @@ class ExportFormat(StrEnum):
 
 def export_log(
     log: LogArgument,
-    to: Annotated[ExportFormat, typer.Option(help="Format.")],
+    to: Annotated[ExportFormat, typer.Option(help="Format; `cell docs logs` has a line for each.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help=OUT_HELP)] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,

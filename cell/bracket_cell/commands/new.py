@@ -20,6 +20,7 @@ from bracket_cell.skills.drivers.settings import DRIVEN_BY, EXAMPLES
 from bracket_cell.trees.loading import input_problem
 from bracket_ground.errors import InputError
 from bracket_ground.files.files import write_new, write_whole
+from bracket_ground.files.model import Location
 from bracket_ground.files.yaml_file import load_yaml, write_values
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
@@ -49,7 +50,7 @@ def part(
     """Add a type of part, named as its file (STEP, STL, OBJ), to a product, and draw how it stands and is held.
 
     Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another
-    --stance makes the type anew.
+    --stance gives the type another shape, and keeps all else that stands there of it.
     """
     from bracket_cell.skills.motion.mesh_part import MILLIMETRES, convex_pieces, read_part, stances
     from bracket_cell.skills.motion.settings import MotionSettings
@@ -58,7 +59,8 @@ def part(
 
     name = file.stem
     stl_file, png_file = (product.parent / f"{name}.part.{kind}" for kind in ("stl", "png"))
-    if name in load_yaml(product, Product).parts and not stl_file.exists():
+    known = name in load_yaml(product, Product).parts
+    if known and not stl_file.exists():
         raise InputError(f"{product} has a type {name} already, and not from a mesh; name the file otherwise")
     read, unit_m = read_part(file)
     scale = scale or unit_m or (MILLIMETRES if float(np.ptp(read.points_m, axis=0).max()) > LARGEST_M else 1.0)
@@ -73,23 +75,19 @@ def part(
     mass = mass_kg or round(DENSITY_KG_M3 * sum(piece.volume_m3 for piece in pieces), 3)
     write_whole(stl_file, stl(chosen.hulls_m))
     write_whole(png_file, to_png(part_picture(name, found)))
-    entry: dict[str, Any] = {
-        "title": name,
-        "quantity": 0,
-        "mesh": stl_file.name,
-        "size_m": [round(extent, 5) for extent in chosen.size_m],
-        "colour_rgb": [0.75, 0.45, 0.05],
-        "mass_kg": mass,
-    }
-    write_values(product, {("parts", name): entry})
+    shape: dict[str, Any] = {"mesh": stl_file.name, "size_m": [round(extent, 5) for extent in chosen.size_m]}
+    shape |= {"mass_kg": mass_kg} if mass_kg else {}
+    entry = {"title": name, "quantity": 0, "colour_rgb": [0.75, 0.45, 0.05], "mass_kg": mass} | shape
+    inner: dict[Location, object] = {("parts", name, key): value for key, value in shape.items()}
+    write_values(product, inner if known else {("parts", name): entry})
     load_yaml(product, Product)
     sys.stdout.writelines(
-        f"{'*' if number == stance else ' '} {number}  {line}\n"
+        f"{'*' if number == stance else ' '} {number}  {'; '.join(described(pose))}\n"
         for number, pose in enumerate(found, start=1)
-        for line in ["; ".join(described(pose))]
     )
     sys.stdout.write(
-        f"{len(pieces)} convex pieces; {product}: {name} added, {png_file} shows the stances\n"
+        f"{len(pieces)} convex pieces; {product}: {name} {'changed' if known else 'added'}, "
+        f"{png_file} shows the stances\n"
         "It stands at places of the bench; with a quantity above 0, a goal and a bin it is part of the product.\n"
     )
 

@@ -61,7 +61,7 @@ LookOption = Annotated[
     str, typer.Option("--look", help="Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file.")
 ]
 PersonOption = Annotated[
-    str, typer.Option("--person", help="The simulated person: careful, ordinary, varied, careless, or a YAML file.")
+    str, typer.Option("--person", help="The simulated person: a name of `cell docs people`, or a YAML file.")
 ]
 SeedsOption = Annotated[
     str,

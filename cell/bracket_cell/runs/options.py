@@ -32,7 +32,7 @@ LOOK_HELP = (
     "Look of the simulation: nominal, varied, hard, PRESET:SECTION or a look file; none, for a run, renders nothing, "
     "and the simulation says what is there: faster."
 )
-PERSON_HELP = "The simulated person: careful, ordinary, varied, careless, or a YAML file; A,B take turns in a shift."
+PERSON_HELP = "The simulated person: a name of `cell docs people`, or a YAML file; A,B take turns in a shift."
 SHARE_HELP = "The arm never exceeds this share of its speed."
 
 

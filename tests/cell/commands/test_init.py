@@ -33,6 +33,7 @@ FILES = {
     "trees/ahead.xml",
     "trees/algorithm1.xml",
     "trees/assemble.xml",
+    "trees/assembly.rules.yaml",
     "trees/clear_and_grasp.xml",
     "trees/shift.xml",
     "trees/shift_ahead.xml",
@@ -83,10 +84,13 @@ def test_a_file_where_a_folder_should_be_is_told(name: str, tmp_path: Path, caps
 
 
 @pytest.mark.long
-def test_its_tests_pass_and_can_fail(folder: Path) -> None:
+def test_its_tests_pass_without_a_warning_and_can_fail(folder: Path) -> None:
+    slow = "import pytest\n\n\n@pytest.mark.slow\ndef test_in_simulation() -> None: ...\n"
+    (folder / "tests" / "test_slow.py").write_text(slow)  # as docs/authoring.md marks them
     whole = in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider")
     assert whole.returncode == 0, whole.stdout
-    assert "3 passed" in whole.stdout
+    assert "4 passed" in whole.stdout
+    assert "warning" not in whole.stdout.lower()
     tree = folder / "trees" / "assemble.xml"
     tree.write_text(tree.read_text().replace("<ActivateGripper/>", "<ActivateGriper/>"))
     assert in_folder(folder, "pytest", "-x", "-q", "-p", "no:cacheprovider").returncode == 1

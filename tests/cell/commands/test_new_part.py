@@ -58,6 +58,17 @@ def test_another_stance_makes_the_type_anew(product: Path) -> None:
     assert load_yaml(product, Product).parts["housing"].size_m == pytest.approx((0.06, 0.04, 0.03), abs=1e-4)
 
 
+def test_another_stance_keeps_what_a_person_wrote_of_the_type(tmp_path: Path) -> None:
+    path = tmp_path / "product.yaml"
+    path.write_text((ROOT / "config" / "examples" / "mesh" / "product.yaml").read_text())
+    (tmp_path / "housing.part.stl").write_bytes(HOUSING.with_name("housing.part.stl").read_bytes())
+    before = load_yaml(path, Product).parts["housing"]
+    assert main(["new", "part", str(HOUSING), "--product", str(path), "--stance", "2"]) == 0
+    after = load_yaml(path, Product).parts["housing"]
+    assert after.size_m == pytest.approx((0.06, 0.04, 0.03), abs=1e-4)
+    assert after.model_dump(exclude={"size_m", "shape"}) == before.model_dump(exclude={"size_m", "shape"})
+
+
 @pytest.mark.parametrize(("unit", "millimetres"), [(".MILLI.", 1.0), ("$", 0.001)])
 def test_a_step_file_is_a_part_too_in_whichever_unit(unit: str, millimetres: float, product: Path) -> None:
     read = loaded(HOUSING)

@@ -144,3 +144,10 @@ def test_a_plain_box_is_touched_where_it_ends(bench: Bench) -> None:
     body = int(world.model.body("box_robot_0").id)
     assert np.allclose(extents(world, body, touching=True), extents(world, body, touching=False))
     assert extents(world, body, touching=True)[1][2] == pytest.approx(0.02)
+
+
+def test_a_gasket_thinner_than_its_fitting_is_simulated(bench: Bench) -> None:
+    gasket = {"title": "gasket", "size_m": (0.05, 0.03, 0.001), "colour_rgb": (0.8, 0.1, 0.1), "mass_kg": 0.01}
+    product = load_yaml(CONFIG / "products.yaml", Product)
+    thin = product.parts["o1"].model_validate(gasket)
+    world_of(product.model_copy(update={"parts": {**product.parts, "o1": thin}}), bench)

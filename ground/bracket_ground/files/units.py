@@ -11,6 +11,8 @@ Coordinate = Annotated[float, Field(ge=-10, le=10)]
 """Of a point at the bench, in [m]."""
 Length = Annotated[float, Field(gt=0, le=2)]
 """Of a thing at the bench, in [m]."""
+Side = Annotated[float, Field(ge=0.001, le=2)]
+"""Of a part's body or a plate, in [m]; what is thinner is neither held nor seen."""
 Gap = Annotated[float, Field(ge=0, le=1)]
 """Room between two things, in [m]."""
 JointAngle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]

@@ -32,6 +32,11 @@ IN_YAML = {  # what a value should be, by pydantic's names of errors, where its 
     **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
     "path_type": "a path",
 }
+SHOULD = "input should be "
+COUNTED = {
+    "too_long": "at most {max_length} values are legal here, not {actual_length}",
+    "too_short": "at least {min_length} values are needed here, not {actual_length}",
+}
 OPENCV = "%YAML:"  # with which its FileStorage begins, and which is no legal directive
 SEXAGESIMAL = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
@@ -50,7 +55,7 @@ def load_yaml(path: Path | str, model: type[M]) -> M:
         read = model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         found = [problem for details in error.errors() for problem in _problems(path, root, model, details)]
-        raise InputError(*sorted(found, key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
+        raise InputError(*sorted(_joined(found), key=lambda p: (p.place.line or 0, p.place.column or 0))) from None
     if mistaken := list(_truths_for_numbers(path, root, data, read)):
         raise InputError(*mistaken)
     return read
@@ -297,10 +302,27 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
     if details["type"] == "missing":
         return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
     kind, got = details["type"], details["input"]
-    what = f"input should be {IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
-    what = f"{_dotted(location)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
-    legal = _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else []
-    return [Problem(_place(path, root, location), what, suggestion("", legal))]
+    what = f"{SHOULD}{IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
+    if kind in COUNTED:
+        what = COUNTED[kind].format(**details["ctx"])
+    _, node, steps = _found(root, location)
+    what = f"{_dotted(steps)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
+    legal = suggestion("", _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else [])
+    if kind == "string_type" and isinstance(node, ScalarNode) and node.value:
+        legal = f"in quotes {node.value[:SHOWN]!r} is text"
+    return [Problem(_place(path, root, location), what, legal)]
+
+
+def _joined(problems: Sequence[Problem]) -> list[Problem]:
+    """What an entry of several legal kinds should be, in one problem."""
+    joined: dict[tuple[Place, str], Problem] = {}
+    for problem in problems:
+        name, _, wanted = problem.what.partition(SHOULD)
+        if (before := joined.get((problem.place, name))) and wanted:
+            either = f"{name}{SHOULD}{wanted.partition(', not ')[0]} or {before.what.removeprefix(name + SHOULD)}"
+            problem = Problem(problem.place, either, before.legal or problem.legal)
+        joined[problem.place, name] = problem
+    return list(joined.values())
 
 
 def _not(got: object, error: str) -> str:
@@ -369,17 +391,25 @@ def _as_written(model: Any) -> Any:
 
 def _place(path: Path, root: Node, location: Location, of_key: bool = False) -> Place:
     """Where a location stands; steps that the file does not have (tags of unions) are passed over."""
-    key: Node | None = None
-    node = root
-    for step in location:
-        if isinstance(node, MappingNode):
-            for name, value in node.value:
-                if name.value == str(step):
-                    key, node = name, value
-        elif isinstance(node, SequenceNode) and isinstance(step, int) and step < len(node.value):
-            key, node = None, node.value[step]
+    key, node, _ = _found(root, location)
     begins_below = isinstance(node, MappingNode | SequenceNode) and not node.flow_style
     return _at(path, key if key is not None and (of_key or begins_below) else node)
+
+
+def _found(root: Node, location: Location) -> tuple[Node | None, Node, Location]:
+    """The node at a location with its key, if it has one, and the steps that the file has."""
+    key: Node | None = None
+    node: Node = root
+    steps: Location = ()
+    for step in location:
+        if isinstance(node, MappingNode):
+            pair = next(((name, value) for name, value in node.value if name.value == str(step)), None)
+        else:
+            there = isinstance(node, SequenceNode) and isinstance(step, int) and step < len(node.value)
+            pair = (None, node.value[step]) if there else None
+        if pair is not None:
+            (key, node), steps = pair, (*steps, step)
+    return key, node, steps
 
 
 def _at(path: Path, node: Node) -> Place:

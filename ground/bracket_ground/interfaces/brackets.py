@@ -125,7 +125,7 @@ def _parts(file: File, some: list[_Bracket]) -> dict[str, Any]:
                 what = f"type {name} is another one in the file of bracket {bracket.name}"
                 raise Disagreement([(("parts", name), what)])
             if "quantity" in before and "quantity" in part:
-                found[name] = {**before, "quantity": before["quantity"] + part["quantity"]}
+                found[name] = {**before, "quantity": int(before["quantity"]) + int(part["quantity"])}
             else:
                 found[name] = {key: value for key, value in before.items() if key != "quantity"}
     return found
@@ -145,7 +145,11 @@ def _plain(value: Any) -> Any:
 def _limits(pairs: list[tuple[_Bracket, str]]) -> Counter[str]:
     """Quantities of a combination; none where one of its goals has none."""
     each = [{} if goal == EMPTY else bracket.file.get("goal_quantities", {}).get(goal) for bracket, goal in pairs]
-    return Counter() if None in each else sum((Counter(quantities) for quantities in each), Counter())
+    return (
+        Counter()
+        if None in each
+        else sum((Counter({name: int(n) for name, n in own.items()}) for own in each), Counter())
+    )
 
 
 def _holes(file: File) -> dict[str, Any]:
@@ -154,4 +158,4 @@ def _holes(file: File) -> dict[str, Any]:
 
 
 def _moved(at: Any, by: Any) -> list[float]:
-    return [a + b for a, b in zip(at, by, strict=True)]
+    return [float(a) + float(b) for a, b in zip(at, by, strict=True)]

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bracket_ground.files.model import Disagreement, Location, Model
-from bracket_ground.files.units import Coordinate, Gap, Length, Rgb
+from bracket_ground.files.units import Coordinate, Gap, Length, Rgb, Side
 from bracket_ground.files.yaml_file import has_key, load_yaml
 from bracket_ground.interfaces.brackets import with_brackets
 from bracket_ground.interfaces.meshes import hull_of, read_mesh
@@ -35,6 +35,7 @@ from bracket_ground.interfaces.wholes import unfit_wholes, with_wholes
 
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 BOX = "box"
+MOST_SOLIDS = 200  # of a part: what physics and pictures still follow
 FILLS_M = 2e-4  # the solids of a shape must reach as far as size_m says, to this much
 
 
@@ -70,14 +71,14 @@ class PartType(Model):
 
     title: str
     quantity: int = Field(default=1, ge=0, le=100)
-    size_m: tuple[Length, Length, Length]
+    size_m: tuple[Side, Side, Side]
     peg_diameter_m: Gap = 0.0
     peg_length_m: Gap = 0.0
     colour_rgb: Rgb
     mass_kg: float = Field(gt=0, le=10)  # what large arms of such cells carry
     finish: Literal["paint", "steel"] = "paint"
     magnetic: bool = False
-    shape: tuple[Solid, ...] = ()
+    shape: tuple[Solid, ...] = Field(default=(), max_length=MOST_SOLIDS)
     mesh: Path | None = None
     made_of: tuple[str, ...] = ()
     built_at: str = ""
@@ -157,7 +158,7 @@ class Bracket(Model):
         plates: positions of each plate, where there are several in one frame; by default one has them all.
     """
 
-    thickness_m: Length
+    thickness_m: Side
     hole_clearance_m: float = Field(gt=0, le=0.05)
     margin_m: Length
     holes_m: dict[str, tuple[Coordinate, Coordinate]] = Field(min_length=1)
@@ -395,13 +396,14 @@ class Product(Model):
     @model_validator(mode="after")
     def _goals_fit(self) -> Product:
         problems = self._misnamed()
-        seen: dict[tuple[Choice, ...], str] = {}
+        seen: dict[tuple[frozenset[str], ...], str] = {}
         for goal, choices in self.goals.items():
             if what := self._misfit(goal, choices):
                 problems.append((("goals", goal), what))
-            elif choices in seen and self.goal_quantities.get(goal) == self.goal_quantities.get(seen[choices]):
-                problems.append((("goals", goal), f"goal {goal} is the same configuration as {seen[choices]}"))
-            seen.setdefault(choices, goal)
+            taken = tuple(frozenset(types_of(choice)) for choice in choices)
+            twin = seen.setdefault(taken, goal)
+            if twin != goal and self.goal_quantities.get(goal) == self.goal_quantities.get(twin):
+                problems.append((("goals", goal), f"goal {goal} is the same configuration as {twin}"))
         for key in ("goal_titles", "goal_quantities"):
             unknown = sorted(set(getattr(self, key)) - set(self.goals))
             problems += [((key, goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
@@ -409,7 +411,7 @@ class Product(Model):
             problems.append(
                 (("brackets",), "copies can be made of a bracket, goals and parts as files have them alone")
             )
-        problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered() or self._overlapping()
+        problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered() or self._unseated()
         if problems:
             raise Disagreement(problems)
         return self
@@ -426,15 +428,22 @@ class Product(Model):
         if not named:
             return f"goal {goal} leaves every slot empty"
         for slot, choice in zip(self.positions, choices, strict=True):
+            if isinstance(choice, tuple) and len(set(choice)) != max(len(choice), 1):
+                twice = choice and f"{max(choice, key=choice.count)} twice for {slot}"
+                return f"goal {goal} lists {twice or f'nothing for {slot}; write {EMPTY}'}"
             if barred := [part for part in types_of(choice) if part not in self.accepts.get(slot, (part,))]:
                 return f"goal {goal} puts {barred[0]} into {slot}, which accepts {', '.join(self.accepts[slot])}"
-        if completed(self._accepted[goal], self.goal_quantities.get(goal, {}), {}) is None:
+        limits = self.goal_quantities.get(goal, {})
+        if completed(self._accepted[goal], limits, {}) is None:
             return f"goal {goal} has more slots than goal_quantities.{goal} has parts for"
         sure = Counter(part for choice in choices for part in types_of(choice) if len(types_of(choice)) == 1)
         if over := [part for part in sure if sure[part] > self.parts[part].quantity]:
             needed = ", ".join(f"{sure[name]} x {name}" for name in sorted(over))
             there = ", ".join(f"{self.parts[name].quantity} x {name}" for name in sorted(over))
             return f"goal {goal} needs {needed}, but the quantities are {there}"
+        ready = {name: min(kind.quantity, limits.get(name, kind.quantity)) for name, kind in self.parts.items()}
+        if completed(self._accepted[goal], ready, {}) is None:
+            return f"goal {goal} has more slots than parts lie ready by their quantities"
         return None
 
     def _misnamed(self) -> list[tuple[Location, str]]:
@@ -448,13 +457,30 @@ class Product(Model):
             ((*at, name), name) for at, names in keys for name in names if not (name.strip() and name.isprintable())
         ]
         bad: list[tuple[Location, str]] = [(at, f"{name!r} is no name: it needs letters") for at, name in blank]
+        for slot, types in self.accepts.items():
+            legal = f"part types: {', '.join(self.parts)}"
+            bad += [(("accepts", slot), f"no part type {name}; {legal}") for name in types if name not in self.parts]
+            bad += [(("accepts", slot), f"{slot} accepts nothing; {legal}")] * (not types)
         if EMPTY in self.parts:
             bad.append((("parts", EMPTY), f"{EMPTY!r} says that nothing goes into a slot; give the type another name"))
         return bad
 
-    def _overlapping(self) -> list[tuple[Location, str]]:
-        """Holes that run into each other."""
-        return [
+    def _unseated(self) -> list[tuple[Location, str]]:
+        """Parts that their holes do not carry, holes over the plate's edge, and holes that run into each other."""
+        wide_m = 2 * self.hole_radius_m
+        seated = {name for slot in self.through for name in self.types_at(slot)}
+        fallen: list[tuple[Location, str]] = [
+            (
+                ("parts", name, "size_m"),
+                f"{name} falls through the holes, which are {1e3 * wide_m:.0f} mm wide for the pegs",
+            )
+            for name in self.parts
+            if name in seated and max(self.parts[name].size_m[:2]) < wide_m
+        ]
+        if self.bracket.margin_m <= self.hole_radius_m:
+            what = f"holes of {1e3 * wide_m:.0f} mm reach over the plate's edge; legal: more than {wide_m / 2:.4g} m"
+            fallen.append((("bracket", "margin_m"), what))
+        return fallen + [
             (
                 ("bracket", "holes_m", other),
                 f"{other} runs into {slot}: between their middles are {1e3 * away_m:.0f} mm",

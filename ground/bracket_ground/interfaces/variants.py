@@ -9,9 +9,9 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, StrictFloat, StrictInt, ValidationError
+from pydantic import BaseModel, ValidationError
 
-from bracket_ground.files.model import Model
+from bracket_ground.files.model import Disagreement, Model
 from bracket_ground.files.units import Coordinate
 from bracket_ground.interfaces.wholes import parts_of_wholes
 
@@ -109,7 +109,7 @@ def _assigned(accepted: Accepted, quantities: Mapping[str, int], fixed: Mapping[
     return None
 
 
-_Place = tuple[StrictInt | StrictFloat, StrictInt | StrictFloat]
+_Place = tuple[float, float]
 
 
 class OtherBracket(Model):
@@ -130,6 +130,11 @@ class _Plate(BaseModel):
     holes_m: dict[str, _Place]
 
 
+class _Part(BaseModel):
+    quantity: int = 1
+    made_of: tuple[str, ...] = ()
+
+
 class _Fastened(BaseModel):
     at: tuple[str, ...]
 
@@ -137,11 +142,11 @@ class _Fastened(BaseModel):
 class _Shape(BaseModel):
     """What the shorthands of a product file are made of; nothing is said of other keys."""
 
-    parts: dict[str, dict[str, Any]]
+    parts: dict[str, _Part]
     bracket: _Plate
     goals: dict[str, tuple[Choice, ...]]
     goal_titles: dict[str, str] = {}
-    goal_quantities: dict[str, dict[str, StrictInt]] = {}
+    goal_quantities: dict[str, dict[str, int]] = {}
     accepts: dict[str, tuple[str, ...]] = {}
     fastenings: dict[str, _Fastened] = {}
     before: tuple[tuple[str, str], ...] = ()
@@ -155,9 +160,7 @@ def can_be_expanded(file: dict[str, Any]) -> bool:
         _Shape.model_validate(file)
     except ValidationError:
         return False
-    named = [part.get("made_of", ()) for part in file["parts"].values()]
-    plain = all(isinstance(parts, list | tuple) and all(isinstance(part, str) for part in parts) for parts in named)
-    return plain and all(isinstance(part.get("quantity", 1), int) for part in file["parts"].values())
+    return True
 
 
 def with_listed_goals(file: dict[str, Any]) -> dict[str, Any]:
@@ -166,14 +169,15 @@ def with_listed_goals(file: dict[str, Any]) -> dict[str, Any]:
     holes = plate.get("holes_m") if isinstance(plate, dict) else None
     if not isinstance(goals, dict) or not isinstance(holes, dict):
         return file
-    return {**file, "goals": {name: _listed(goal, list(holes)) for name, goal in goals.items()}}
+    return {**file, "goals": {name: _listed(name, goal, list(holes)) for name, goal in goals.items()}}
 
 
-def _listed(goal: Any, slots: list[str]) -> Any:
+def _listed(name: str, goal: Any, slots: list[str]) -> Any:
     if not isinstance(goal, dict):
         return goal
     if unknown := [slot for slot in goal if slot not in slots]:
-        raise ValueError(f"no slot {unknown[0]} in the bracket; slots: {', '.join(slots)}")
+        what = f"no slot {unknown[0]} in the bracket; slots: {', '.join(slots)}"
+        raise Disagreement([(("goals", name, unknown[0]), what)])
     return [goal.get(slot, EMPTY) for slot in slots]
 
 
@@ -183,7 +187,7 @@ def with_quantities(file: dict[str, Any]) -> dict[str, Any]:
     for name, goal in file["goals"].items():
         limits = file.get("goal_quantities", {}).get(name, {})
         taken = Counter(part for parts in goal for part in types_of(parts if isinstance(parts, str) else tuple(parts)))
-        most |= Counter({part: min(n, limits.get(part, n)) for part, n in taken.items()})
+        most |= Counter({part: min(n, int(limits.get(part, n))) for part, n in taken.items()})
     for part, count in parts_of_wholes(file["parts"], Counter(most)):
         most[part] += count
     bare = {name: part for name, part in file["parts"].items() if "quantity" not in part and most[name]}

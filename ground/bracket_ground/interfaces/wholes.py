@@ -87,4 +87,4 @@ def parts_of_wholes(parts: Mapping[str, Mapping[str, Any]], most: Mapping[str, i
     """
     for name, part in parts.items():
         for piece in part.get(MADE_OF, ()):
-            yield piece, part.get("quantity", most.get(name, 0))
+            yield piece, int(part.get("quantity", most.get(name, 0)))

@@ -150,11 +150,16 @@ def _turned(quaternion: tuple[float, float, float, float], angle_rad: float) -> 
 def _add_plain_box(body: mujoco.MjsBody, kind: PartType, style: int, mass_kg: float) -> None:
     """A box that touches at its full height; what is seen of it carries the fitting."""
     length, width, height = kind.size_m
-    below_m = height - FITTING_M
+    below_m = height - _fitting_m(height)
     add_box(body, (0, 0, below_m / 2), (length, width, below_m), kind.colour_rgb, palette.NO_TOUCH)
     _add_fitting(body, kind, style)
     block = add_box(body, (0, 0, height / 2), kind.size_m, kind.colour_rgb, palette.PART_TOUCH)
     block.mass, block.group = mass_kg, HIDDEN_GROUP
+
+
+def _fitting_m(height_m: float) -> float:
+    """How high the fitting on a body is."""
+    return min(FITTING_M, height_m / 2)
 
 
 def _add_fitting(body: mujoco.MjsBody, kind: PartType, style: int) -> None:
@@ -162,15 +167,16 @@ def _add_fitting(body: mujoco.MjsBody, kind: PartType, style: int) -> None:
     length, width, height = kind.size_m
     red, green, blue = kind.colour_rgb
     rgb = (FITTING_SHADE * red, FITTING_SHADE * green, FITTING_SHADE * blue)
-    centre = (0.0, 0.0, height - FITTING_M / 2)
+    fitting_m = _fitting_m(height)
+    centre = (0.0, 0.0, height - fitting_m / 2)
     if style % 3 == 0:
-        add_cylinder(body, centre, 0.75 * width, FITTING_M, rgb, palette.NO_TOUCH)
+        add_cylinder(body, centre, 0.75 * width, fitting_m, rgb, palette.NO_TOUCH)
     elif style % 3 == 1:
-        add_box(body, centre, (0.6 * length, 0.25 * width, FITTING_M), rgb, palette.NO_TOUCH)
-        add_box(body, centre, (0.2 * width, 0.8 * width, FITTING_M), rgb, palette.NO_TOUCH)
+        add_box(body, centre, (0.6 * length, 0.25 * width, fitting_m), rgb, palette.NO_TOUCH)
+        add_box(body, centre, (0.2 * width, 0.8 * width, fitting_m), rgb, palette.NO_TOUCH)
     else:
         for side in (-1, 1):
-            add_cylinder(body, (side * 0.3 * length, 0, centre[2]), 0.5 * width, FITTING_M, rgb, palette.NO_TOUCH)
+            add_cylinder(body, (side * 0.3 * length, 0, centre[2]), 0.5 * width, fitting_m, rgb, palette.NO_TOUCH)
 
 
 def _add_peg(body: mujoco.MjsBody, kind: PartType) -> None:

@@ -21,6 +21,7 @@ from tests import ROOT
 from tests.cell.log.hostile import EDITS, flipped
 
 BASE: dict[str, Any] = yaml.safe_load((ROOT / "config" / "products.yaml").read_text())
+BALL = {"solid": "ball", "size_m": [0.045, 0.028, 0.020], "centre_m": [0.0, 0.0, 0.010]}
 EXAMPLES = sorted((ROOT / "config" / "examples").glob("*/product.yaml"))
 
 
@@ -168,6 +169,21 @@ def test_a_slot_on_a_part_is_as_high_as_the_part_and_comes_after_it() -> None:
         ({"accepts": {"p1": ["o2"]}}, "goal g0 puts o1 into p1, which accepts o2"),
         ({"goals": {"a": {"p9": "o1"}}, "goal_titles": {}}, "no slot p9 in the bracket"),
         ({"goals": {"a": [EMPTY] * 6}, "goal_titles": {}}, "leaves every slot empty"),
+        ({"goals": {"a": [["o1", "o1"], *["o2"] * 5]}, "goal_titles": {}}, "goal a lists o1 twice for p1"),
+        ({"goals": {"a": [[], *["o2"] * 5]}, "goal_titles": {}}, "goal a lists nothing for p1; write empty"),
+        (
+            {"goals": {"a": [["o1", "o2"], *["o3"] * 5], "b": [["o2", "o1"], *["o3"] * 5]}, "goal_titles": {}},
+            "goal b is the same configuration as a",
+        ),
+        ({"parts": BASE["parts"], "goals": {"a": [["o1", "o2"]] * 6}, "goal_titles": {}}, "more slots than parts lie"),
+        ({"accepts": {"p1": ["o1", "o9"]}}, "no part type o9; part types: o1, o2, o3"),
+        ({"accepts": {"p1": []}}, "p1 accepts nothing; part types: o1, o2, o3"),
+        ({"bracket": {**BASE["bracket"], "margin_m": 0.01}}, "reach over the plate's edge; legal: more than 0.014 m"),
+        (
+            {"parts": {**BASE["parts"], "o1": {**BASE["parts"]["o1"], "shape": "box", "size_m": [0.02, 0.02, 0.02]}}},
+            "falls through the holes, which are 28 mm wide",
+        ),
+        ({"parts": {**BASE["parts"], "o1": {**BASE["parts"]["o1"], "shape": [BALL] * 201}}}, "at most 200"),
         ({"goal_quantities": {"g0": {"o1": 2}}}, "more slots than goal_quantities.g0 has parts for"),
         ({"fastenings": {"p1": {"at": ["p2"]}}}, "p1 is a slot; give the fastening another name"),
         ({"fastenings": {"f": {"at": ["p9"]}}}, "no slot p9; slots: p1"),
@@ -229,3 +245,32 @@ def test_slots_that_carry_each_other_are_told_where_the_file_says_it(tmp_path: P
     line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if text.startswith("carried_by"))
     with pytest.raises(InputError, match=f":{line}:1: no step can be the first of these"):
         load_yaml(path, Product)
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"goals": {"a": {"p9": "o1"}}, "goal_titles": {}}, r"goals.yaml:\d+:9: no slot p9 in the bracket"),
+        (
+            {"goals": {"a": [True, *["o1"] * 5]}},
+            r"goals.a.0: input should be a list or a valid string, not True; in quotes",
+        ),
+        ({"before": [["p1", "p2", "p3"]]}, "before.0: at most 2 values are legal here, not 3"),
+    ],
+)
+def test_words_name_the_entry_and_what_is_legal_there(changes: dict[str, Any], what: str, tmp_path: Path) -> None:
+    path = tmp_path / "goals.yaml"
+    path.write_text(yaml.safe_dump({**BASE, **changes}, sort_keys=False))
+    with pytest.raises(InputError, match=what) as caught:
+        load_yaml(path, Product)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("number", ["3e-2", "0.03", 0])
+def test_a_number_in_any_writing_leaves_quantities_to_the_goals(number: object, tmp_path: Path) -> None:
+    holes = {**BASE["bracket"]["holes_m"], "p3": [number, 0.04]}
+    bare = {name: {**part, "quantity": "3"} if name == "o1" else part for name, part in BASE["parts"].items()}
+    bare["o2"] = {key: value for key, value in bare["o2"].items() if key != "quantity"}
+    path = tmp_path / "product.yaml"
+    path.write_text(yaml.safe_dump({**BASE, "parts": bare, "bracket": {**BASE["bracket"], "holes_m": holes}}))
+    assert {name: part.quantity for name, part in load_yaml(path, Product).parts.items()} == {"o1": 3, "o2": 2, "o3": 1}

@@ -19,8 +19,7 @@ TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
 MOST_TURNS = 10  # each way
 MOVES = ("revolute", "continuous", "prismatic")
 MOST_M = 100.0  # a length beyond it is in other units
-MOMENTS = ("ixx", "iyy", "izz")
-INERTIAL = {"mass": ("value",), "inertia": (*MOMENTS, "ixy", "ixz", "iyz")}
+INERTIAL = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
 SHAPES = {
     "box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
     "mesh": ("filename",),
@@ -30,7 +29,7 @@ NUMBERS = {
     **dict.fromkeys(("lower", "upper", "radius", "length", "velocity", "effort", "value", *INERTIAL["inertia"]), 1),
 }
 EXTENTS = ("size", "radius", "length")
-NEVER_NEGATIVE = ("velocity", "effort", "value", *MOMENTS)
+NEVER_NEGATIVE = ("velocity", "effort", "value")
 NAMED = ("link", "joint")
 READ = {
     *NAMED, "inertial", *INERTIAL, "visual", "collision", "origin", "geometry", *SHAPES,
@@ -203,11 +202,16 @@ def likely_flange(root: ElementTree.Element) -> str:
         moving = [deep[_end(joint, "child")] for joint in ways]
         if moved >= LEAST_JOINTS and sum(count > 0 for count in moving) > 1 and max(moving) <= FINGER_JOINTS:
             break
-        onwards = ways[moving.index(max(moving))]
-        moved, link = moved + (onwards.get("type") != "fixed"), _end(onwards, "child")
-        if link in (FLANGE, "flange") and moved >= LEAST_JOINTS:
+        onwards = max(ways, key=lambda joint: (deep[_end(joint, "child")], _rank(_end(joint, "child"))))
+        if _rank(link) > _rank(_end(onwards, "child")) and moved >= LEAST_JOINTS:
             break
+        moved, link = moved + (onwards.get("type") != "fixed"), _end(onwards, "child")
     return link
+
+
+def _rank(link: str) -> int:
+    """How likely a link is the flange by its name: REP 199 has `tool0` on `flange`, whose x points outwards."""
+    return link.endswith("flange") + 2 * link.endswith(FLANGE)
 
 
 def held_still(root: ElementTree.Element, flange: str = FLANGE) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 
 from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.runs.robot_view import misplaced_flange
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.robot import FOLDER, RobotModel, complete
@@ -162,6 +163,49 @@ def test_a_long_chain_and_a_lattice_are_read_soon(tmp_path: Path) -> None:
     lattice = "".join(joint.format(f"{side}{n}", n, n + 1) for n in range(399) for side in "ab")
     with pytest.raises(ValueError, match="two joints carry"):
         likely_flange(element(f"<robot>{links}{lattice}</robot>", tmp_path))
+
+
+HELD = (
+    '<link name="{0}"/><joint name="{0}" type="fixed"><parent link="{1}"/><child link="{0}"/>'
+    '<origin rpy="{2}"/></joint>'
+)
+
+
+@pytest.mark.parametrize("first", ["ft_frame", "flange"])
+def test_the_flange_is_the_link_whose_name_says_so(first: str, tmp_path: Path) -> None:
+    sensor, flange = HELD.format("ft_frame", "plate", "3.1416 0 0"), HELD.format("flange", "plate", "0 -1.5708 0")
+    others = sensor + flange if first == "ft_frame" else flange + sensor
+    text = SEVEN.replace("</robot>", f"{others}{HELD.format('tool0', 'flange', '0 1.5708 0')}</robot>")
+    assert likely_flange(element(text, tmp_path)) == "tool0"
+    assert likely_flange(element(text.replace("tool0", "camera"), tmp_path)) == "flange"
+
+
+@pytest.mark.parametrize(("turn", "where"), [("0 0 0", ""), ("0 1.5708 0", "aside"), ("3.1416 0 0", "into the arm")])
+def test_a_flange_that_points_elsewhere_is_said(turn: str, where: str, tmp_path: Path) -> None:
+    robot = load_drawn(tmp_path, SEVEN.replace('rpy="0 0 0"/></joint></robot>', f'rpy="{turn}"/></joint></robot>'))
+    words = misplaced_flange(robot, pinocchio.buildModelFromXML(robot.urdf_text))
+    assert where in (words or [""])[0]
+    assert bool(words) == bool(where)
+
+
+MESHES = {
+    "empty": b"",
+    "cut off": b"\0" * 80 + b"\4\0\0\0" + b"\0" * 60,
+    "a point": b"\0" * 80 + b"\4\0\0\0" + b"\0" * 200,
+    "flat": b"\0" * 80 + b"\2\0\0\0" + 2 * np.array([0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], "<f4").tobytes() + b"\0" * 4,
+    "no numbers": b"\0" * 80 + b"\4\0\0\0" + b"\xff" * 200,
+    "words": b"v 0 0 0",
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_without_volume_is_named(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "a.stl").write_bytes(MESHES[name])
+    (folder / "a.urdf").write_text(solid('<geometry><mesh filename="a.stl"/></geometry>'))
+    assert main(["check", "a.urdf"]) == 2
+    told = capfd.readouterr()
+    assert "a.stl: no mesh that can be read and has a volume" in told.out + told.err
+    assert "coal" not in told.out + told.err
 
 
 def test_a_file_of_macros_is_no_tree(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

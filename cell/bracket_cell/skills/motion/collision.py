@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from itertools import product as pairs_of
+from xml.etree import ElementTree
 
 import coal
 import numpy as np
@@ -35,6 +36,7 @@ LEAST_M = 0.001  # of a place that is a spot of the table
 BIN_ROOM_M = 0.04  # around each part in a bin
 
 HELD = "held part"
+LEAST_DEPTH = 1e-9  # of a mesh, in its own units
 LEAST_REACH_M = 0.05  # of what a joint carries: none is thinner
 BASE_JOINTS = 2  # what base, shoulder and upper arm carry is not compared with what stands on the bench
 WRIST_JOINTS = 3  # the last ones, whose links lie beside what the gripper holds
@@ -145,6 +147,7 @@ class CollisionChecker:
 
     def _arm_geometry(self) -> pinocchio.GeometryModel:
         urdf = self._settings.robot.urdf_text
+        _require_solid(urdf)
         drawn = pinocchio.buildGeomFromUrdfString(self._model, urdf, pinocchio.GeometryType.COLLISION)
         geometry, shapes_of = pinocchio.GeometryModel(), Counter[str]()
         for item in drawn.geometryObjects:
@@ -389,6 +392,25 @@ def _with_rim(name: str, pose: Pose, size_m: tuple[float, float], wall_m: float)
 def _add_pairs(geometry: pinocchio.GeometryModel, pairs: Iterable[tuple[int, int]]) -> None:
     for first, second in pairs:
         geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
+
+
+def _require_solid(urdf_text: str) -> None:
+    """Check that the meshes of a URDF can be read and have a volume, which their hulls need.
+
+    Raises:
+        ValueError: with those of which one is no such mesh.
+    """
+    names = dict.fromkeys(mesh.get("filename", "") for mesh in ElementTree.fromstring(urdf_text).iter("mesh"))
+    if wrong := [name for name in names if not _is_solid(name)]:
+        raise ValueError(f"{', '.join(wrong)}: no mesh that can be read and has a volume (STL, OBJ or Collada)")
+
+
+def _is_solid(mesh: str) -> bool:
+    try:
+        points = coal.MeshLoader().load(mesh, np.ones(3)).vertices()
+    except (ValueError, IndexError, RuntimeError):
+        return False
+    return bool(np.isfinite(points).all()) and np.linalg.matrix_rank(points - points[0], tol=LEAST_DEPTH) == 3
 
 
 def _self_pairs(model: pinocchio.Model, geometry: pinocchio.GeometryModel, limits_rad: Array) -> list[tuple[int, int]]:

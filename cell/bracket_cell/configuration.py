@@ -117,10 +117,8 @@ class Configuration(Model):
         joints = self.robot.joints
         for name in ("arm_park_rad", "arm_look_rad"):
             if (given := getattr(self.bench, name)) and len(given) != len(joints):
-                what = (
-                    f"{name} has {len(given)} values, {self.robot.name} has {len(joints)} joints: {', '.join(joints)}"
-                )
-                places.append((("bench", name), what))
+                count = f"{name} has {len(given)} values, {self.robot.name} has {len(joints)} joints"
+                places.append((("bench", name), f"{count}: {', '.join(joints)}; left out, it is found"))
                 continue
             limits = self.robot.limits_rad.T.tolist()[: len(given)]
             for joint, value, (least, most) in zip(joints, given, limits, strict=False):

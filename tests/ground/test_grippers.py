@@ -24,6 +24,10 @@ LEAST_M = 0.003
 PLATE = PartType(title="plate", size_m=(0.10, 0.09, 0.01), colour_rgb=(0.5, 0.5, 0.5), mass_kg=0.1)
 
 
+FINGERS, CUP = (yaml.safe_load((FOLDER / f"{name}.yaml").read_text())[key]
+                for name, key in (("2f85", "fingers"), ("cup", "cup")))  # fmt: skip
+
+
 def text_of(name: str, **changes: object) -> dict[str, object]:
     return {**yaml.safe_load((FOLDER / f"{name}.yaml").read_text()), **changes}
 
@@ -52,6 +56,21 @@ def test_no_hold_is_offered_for_a_part_beyond_the_payload(name: str) -> None:
     heavy = PARTS["o1"].model_copy(update={"mass_kg": 6.0})
     assert load_gripper(name).grips(heavy, LEAST_M) == ()
     assert load_gripper(name).why_not(heavy, LEAST_M).startswith("weighs 6 kg; it takes at most ")
+
+
+@pytest.mark.parametrize(("name", "weakly"), [("cup", {"vacuum_kpa": 4, "held_kpa": 3}), ("magnet", {"most_n": 1.25})])
+def test_no_more_is_held_than_what_pulls(name: str, weakly: dict[str, float], tmp_path: Path) -> None:
+    text = text_of(name)
+    (tmp_path / "weak.yaml").write_text(yaml.safe_dump({**text, name: {**text[name], **weakly}}))  # type: ignore[dict-item]
+    kind = PLATE.model_copy(update={"mass_kg": 0.15, "magnetic": True})
+    assert load_gripper(name).why_not(kind, LEAST_M) == ""
+    words = load_gripper("weak.yaml", tmp_path).why_not(kind, LEAST_M)
+    assert words.startswith("weighs 0.15 kg; it takes at most 0.12")
+
+
+def test_fingers_that_hardly_open_take_nothing(tmp_path: Path) -> None:
+    (tmp_path / "shut.yaml").write_text(yaml.safe_dump(text_of("2f85", fingers={**FINGERS, "stroke_m": 0.001})))
+    assert load_gripper("shut.yaml", tmp_path).why_not(PLATE, LEAST_M) == "is 90 mm wide; it takes at most 0 mm"
 
 
 def test_a_cup_holds_a_plate_on_its_top_and_a_grate_nowhere() -> None:
@@ -97,6 +116,11 @@ def test_fingers_move_apart_by_the_opening_and_keep_to_their_pads() -> None:
         ({"nothing": True}, "give one of fingers, cup, magnet, or nothing: true"),
         ({"palm_m": [0.1, 0.06, 0.3]}, "beyond the tips"),
         ({"stroke": 0.05}, "unknown key 'stroke'"),
+        ({"fingers": {**FINGERS, "force_n": [235, 20]}}, "force_n is the least and the most: 235 is above 20"),
+        ({"fingers": {**FINGERS, "speed_m_s": [0.2, 0.1]}}, "speed_m_s is the least and the most"),
+        ({"fingers": {**FINGERS, "pads_m": [0.012, 0.025, 0.2]}}, "pads_m: 0.2 long, and fingers end 0.164 from"),
+        ({"with_part_kg": 0.5}, "with_part_kg 0.5 is less than mass_kg 0.91"),
+        ({"fingers": None, "cup": {**CUP, "diameter_m": 0.005}}, "lip_m 0.003 all around leaves nothing"),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_key(changes: dict[str, object], words: str, tmp_path: Path) -> None:

@@ -68,7 +68,8 @@ def refuse_blocked(motion: MotionPlanner) -> None:
 
 def _stuck(motion: MotionPlanner) -> list[Wrong]:
     stuck: list[Wrong] = [
-        (("bench", pose), f"the arm rests in something: {contact}") for pose, contact in motion.blocked
+        (("bench", pose), f"the arm rests in something: {contact}; {pose} left out, another is found")
+        for pose, contact in motion.blocked
     ]
     for name, place in motion.bench.places.items():
         found = {part: _unreached(motion, name, place, part) for part in place.holds or motion.product.parts}

@@ -30,6 +30,7 @@ AROUND = np.arange(16) * math.pi / 8  # directions in which a cup's lip is looke
 FLAT_M, POINT_M = 2e-4, 1e-5  # of a face that seals; half a window that stands for a point
 COUNTS = 255  # of the greatest raw value of a register
 STEP_M = 0.002  # between places where a cup is tried
+FALLS_M_S2 = 9.81  # what pulls at a part by no more than its weight
 SWITCH_M = 0.010  # opening that stands for "off" of what is switched; 0 stands for "on"
 
 Positive = Annotated[float, Field(gt=0, le=10_000)]
@@ -54,12 +55,20 @@ class Fingers(Model):
 
     grips: ClassVar[tuple[Grip, ...]] = (Grip.WIDTH, Grip.LENGTH)
 
+    @model_validator(mode="after")
+    def _has_ranges(self) -> Fingers:
+        for name in ("force_n", "speed_m_s"):
+            least, most = getattr(self, name)
+            if least > most:
+                raise ValueError(f"{name} is the least and the most: {least:g} is above {most:g}")
+        return self
+
     def why_not(self, kind: PartType, clearance_m: float) -> str:
         """Why none of a body's sides fits between the fingers; empty where one does."""
         narrowest_m, most_m = min(grip.span_m(kind) for grip in self.grips), self.stroke_m - 2 * clearance_m
         if narrowest_m <= most_m:
             return ""
-        wide, most = f"{1e3 * narrowest_m:.0f}", f"{1e3 * most_m:.0f}"
+        wide, most = f"{1e3 * narrowest_m:.0f}", f"{1e3 * max(0.0, most_m):.0f}"
         return Message("is {wide} mm wide; it takes at most {most} mm", wide=wide, most=most)
 
     def possible(self, kind: PartType, clearance_m: float) -> tuple[Grip, ...]:
@@ -165,6 +174,8 @@ class Cup(Switched):
     def _is_reached(self) -> Cup:
         if self.held_kpa >= self.vacuum_kpa:
             raise ValueError(f"held_kpa {self.held_kpa:g} is never reached: its source reaches {self.vacuum_kpa:g}")
+        if 2 * self.lip_m >= self.diameter_m:
+            raise ValueError(f"lip_m {self.lip_m:g} all around leaves nothing of diameter_m {self.diameter_m:g}")
         return self
 
     @property
@@ -251,6 +262,10 @@ class Gripper(Model):
             raise ValueError(f"palm_m ends at {self.palm_m[2]:g}, within the coupling: {self.coupling_m[1]:g}")
         if self.palm_m[2] >= self.tip_m:
             raise ValueError(f"palm_m ends at {self.palm_m[2]:g}, beyond the tips: {self.tip_m:g}")
+        if self.fingers is not None and self.fingers.pads_m[2] > self.tip_m - self.palm_m[2]:
+            raise ValueError(f"pads_m: {self.fingers.pads_m[2]:g} long, and fingers end {self.tip_m:g} from the flange")
+        if self.with_part_kg is not None and self.with_part_kg < self.mass_kg:
+            raise ValueError(f"with_part_kg {self.with_part_kg:g} is less than mass_kg {self.mass_kg:g} without a part")
         return self
 
     @property
@@ -294,8 +309,9 @@ class Gripper(Model):
 
     def why_not(self, kind: PartType, clearance_m: float) -> str:
         """Why a part cannot be held, in words with what is legal; empty where it can."""
-        if kind.mass_kg > self.payload_kg and not self.nothing:
-            kilograms, most = f"{kind.mass_kg:g}", f"{self.payload_kg:g}"
+        most_kg = self.payload_kg if self.switched is None else min(self.payload_kg, self.switched.most_n / FALLS_M_S2)
+        if kind.mass_kg > most_kg and not self.nothing:
+            kilograms, most = f"{kind.mass_kg:g}", f"{most_kg:.3g}"
             return Message("weighs {kilograms} kg; it takes at most {most} kg", kilograms=kilograms, most=most)
         return self.does.why_not(kind, clearance_m)
 

@@ -13,6 +13,7 @@ XACRO = "xacro:"
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
+MOST_JOINTS = 30  # a humanoid's spine, arm and finger have half of that; more take minutes to look at
 MOST_LINKS = 500  # a humanoid has a third of that
 FINGER_JOINTS = 4  # a branch with more of them is an arm
 TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
@@ -362,8 +363,8 @@ def _are_numbers(text: str, count: int) -> bool:
 def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
     """Whether the joints up to the flange are such as the program moves."""
     turning = turning_joints(root, flange)
-    if len(turning) < LEAST_JOINTS:
-        yield f"{len(turning)} joints move the flange {flange!r}, must be {LEAST_JOINTS} or more"
+    if not LEAST_JOINTS <= len(turning) <= MOST_JOINTS:
+        yield f"{len(turning)} joints move the flange {flange!r}, must be {LEAST_JOINTS} or more, at most {MOST_JOINTS}"
     for joint in turning:
         name, axis = f"{_at(joint)}{joint.get('name')}", joint.find("axis")
         if joint.get("type") not in MOVES:

@@ -48,6 +48,7 @@ def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pyt
     told = capsys.readouterr().err
     assert f"{path}:" in told
     assert "the arm rests in something" in told
+    assert "arm_park_rad left out, another is found" in told
     assert "would touch lamp" in told
     configuration = load_configuration(path)
     with pytest.raises(SettingError, match="arm_park_rad"):

@@ -22,6 +22,12 @@ def _rebuilt(kind: type[CellError], arguments: tuple[object, ...], fields: dict[
     return error
 
 
+def words_of(error: BaseException) -> str:
+    """What the operating system says of an error, or of the one that a library wrapped, without number and path."""
+    behind = error.__cause__ if isinstance(error.__cause__, OSError) else error
+    return str(getattr(behind, "strerror", None) or behind)
+
+
 @dataclass(frozen=True)
 class Place:
     """Where in a file something stands; lines and columns count from 1."""

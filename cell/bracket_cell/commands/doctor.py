@@ -30,7 +30,7 @@ from bracket_cell.wiring.bench_checks import bench_problems
 from bracket_cell.wiring.detectors import check_detectors, with_detectors_for
 from bracket_cell.wiring.devices import examined, find_drivers
 from bracket_cell.wiring.limits import described
-from bracket_ground.errors import CellError, Problem, SettingError
+from bracket_ground.errors import CellError, Problem, SettingError, words_of
 from bracket_ground.files.yaml_file import place_of
 from bracket_ground.interfaces.product import Product
 
@@ -299,8 +299,8 @@ def _can(configuration: Configuration) -> Iterator[Finding]:
     try:
         can.Bus(interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate).shutdown()
     except (can.CanError, OSError, ValueError) as error:
-        remedy = f"{error}; for SocketCAN: ip link set {settings.channel} up type can bitrate {settings.bitrate}"
-        yield Finding(what, False, remedy)
+        remedy = f"for SocketCAN: ip link set {settings.channel} up type can bitrate {settings.bitrate}"
+        yield Finding(what, False, f"{words_of(error)}; {remedy}")
         return
     yield Finding(what, True)
 

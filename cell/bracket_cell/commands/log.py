@@ -259,7 +259,7 @@ def list_runs(
 
         failed = [dict(zip(names, row, strict=True)) for row in rows]
         size = write_night(failed, spared(html, [Path(run["log"]) for run in failed]))
-        say(f"{html}: {len(failed)} runs that failed, {size / 1e6:.2f} MB")
+        say(f"{html}: {len(failed)} failed, {size / 1e6:.2f} MB")
     elif statistics is not None:
         for summary in summaries([dict(zip(names, row, strict=True)) for row in rows], statistics):
             tell_json(summary) if as_json else say(*summary_lines(summary, statistics))

@@ -40,11 +40,13 @@ def wait_for_enter(prompt: str) -> None:
 
 
 def table(title: str, values: Mapping[str, object]) -> Any:
-    """Names and values, a row each."""
+    """Names and values, a row each; what is counted by name as `bracket 2, rest 1`."""
     from rich.table import Table
 
     drawn = Table(title=title, show_header=False, title_justify="left")
     for name, value in values.items():
+        if isinstance(value, Mapping):
+            value = ", ".join(f"{what} {count}" for what, count in value.items())
         drawn.add_row(name, str(value))
     return drawn
 

@@ -26,7 +26,7 @@ from bracket_cell.fleet.one_run import ChildDied, Row, T, in_child, run_task
 from bracket_cell.fleet.spec import Task
 from bracket_cell.packages import needed
 from bracket_cell.recording.identity import code_version, versions
-from bracket_ground.errors import CellError, InputError
+from bracket_ground.errors import CellError, InputError, words_of
 
 WAITING_PER_WORKER = 2  # runs that are handed out ahead, so that no worker waits and memory stays small
 LOSSES = 20  # workers that may be lost over one run before it is given up
@@ -222,7 +222,7 @@ def on_worker(work: Callable[..., T], *arguments: Any) -> T | Trouble:
         return work(*arguments)
     except OSError as error:
         distributed = needed("distributed", "cell lab sweep")
-        return Trouble(distributed.get_worker().address, f"{type(error).__name__}: {error}")
+        return Trouble(distributed.get_worker().address, f"{type(error).__name__}: {words_of(error)}")
 
 
 def mapped(

@@ -24,7 +24,7 @@ from bracket_cell.skills.drivers.settings import Ros2ArmSettings
 from bracket_cell.skills.drivers.stream import Link
 from bracket_cell.skills.drivers.streaming import StreamingArm
 from bracket_cell.skills.drivers.ur_safety import safety_of
-from bracket_ground.errors import CellError, DeviceFault
+from bracket_ground.errors import CellError, DeviceFault, words_of
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.observation import ArmMode
@@ -372,7 +372,7 @@ def examine(settings: Ros2ArmSettings, robot: RobotModel, clock: Clock) -> Itera
         got = [samples.receive() for _ in range(50)]
     except (OSError, CellError) as error:
         remedy = f"domain {settings.domain} on {settings.network}; names of joints: {', '.join(names)}"
-        yield DeviceCheck(what, f"{error}: {remedy}")
+        yield DeviceCheck(what, f"{words_of(error)}: {remedy}")
         return
     rate_hz = len(got) / max(time.monotonic() - begun_s, 1e-3) * slower
     yield DeviceCheck(f"{what}: {rate_hz:.0f} samples a second", "" if first.time_s > 0 else "they have no stamps")

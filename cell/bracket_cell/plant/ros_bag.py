@@ -13,7 +13,7 @@ import numpy as np
 from bracket_cell.packages import needed
 from bracket_cell.plant.ros_camera import TO_RGB
 from bracket_cell.plant.ros_types import DEFINITIONS
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.robot import RobotModel
@@ -84,7 +84,7 @@ def _read(path: Path) -> list[Topic]:
                 _note(topics[of.topic, of.msgtype], time_ns * 1e-9, decoded)
             return list(topics.values())
     except (bags.AnyReaderError, OSError, ValueError) as error:
-        raise InputError(f"{path}: no bag of ROS 2 that can be read: {error}") from None
+        raise InputError(f"{path}: no bag of ROS 2 that can be read: {words_of(error)}") from None
 
 
 def _note(topic: Topic, time_s: float, decoded: Callable[[], Any]) -> None:

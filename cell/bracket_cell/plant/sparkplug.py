@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bracket_cell.production.samples import Sample
 from bracket_cell.settings import MqttSettings
 from bracket_cell.watching.observer import Observer, Outcome
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 
 if TYPE_CHECKING:
     from pysparkplug import Metric
@@ -95,7 +95,7 @@ class SparkplugNode(Observer):
                 password = None if settings.password_file is None else settings.password_file.read_text().strip()
                 self._client.username_pw_set(settings.user, password)
         except (OSError, ValueError) as error:
-            raise InputError(f"plant.mqtt: {error}") from None
+            raise InputError(f"plant.mqtt: certificates or password_file: {words_of(error)}") from None
 
     def _connected(self, _: Any, __: Any, ___: Any, code: int) -> None:
         if code:

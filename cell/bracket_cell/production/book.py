@@ -15,7 +15,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.errors import InputError, Place, Problem, words_of
 
 NAME = "book.sqlite"
 VERSION = 1  # of the schema, in `PRAGMA user_version`
@@ -158,7 +158,8 @@ class Book:
             self._file = sqlite3.connect(path or MEMORY, LOCKED_S, check_same_thread=False, isolation_level=None)
             self._prepare()
         except (OSError, sqlite3.Error) as error:
-            raise InputError(Problem(Place(path or Path(MEMORY)), f"cannot be used as a book: {error}")) from None
+            problem = f"cannot be used as a book: {words_of(error)}"
+            raise InputError(Problem(Place(path or Path(MEMORY)), problem)) from None
 
     def _prepare(self) -> None:
         self._file.execute("PRAGMA journal_mode = WAL")

@@ -54,7 +54,7 @@ from bracket_cell.wiring.devices import find_drivers
 from bracket_cell.wiring.reload import WatchedTree
 from bracket_cell.wiring.ruled import RuledTree
 from bracket_cell.wiring.services import TickClock, load_planners, make_services
-from bracket_ground.errors import InputError, LogError, Place, Problem, SettingError
+from bracket_ground.errors import InputError, LogError, Place, Problem, SettingError, words_of
 from bracket_ground.interfaces.devices import Devices
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
@@ -287,6 +287,6 @@ def _sheet(
     try:
         made = options.images and write_sheet(recorder.path, moments, outcome.reason, sheet)
     except (LogError, OSError) as error:
-        problem = f"no contact sheet: {error}"
+        problem = f"no contact sheet: {words_of(error)}"
         return "", replace(outcome, observer_problems=(*outcome.observer_problems, problem))
     return str(sheet) if made else "", outcome

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import get_args
 
 from bracket_cell.viewing.page.web import Role, same
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.errors import InputError, Place, Problem, words_of
 from bracket_ground.files.files import whole_or_none
 
 DIGITS = 8
@@ -107,7 +107,7 @@ class Paired:
             self._read_ns, self._browsers = 0, []
         except (OSError, ValueError, TypeError) as error:
             self._read_ns, self._browsers = 0, []  # nobody comes in by a file that says nothing
-            raise InputError(Problem(Place(self._path), f"is no list of browsers: {error}")) from None
+            raise InputError(Problem(Place(self._path), f"is no list of browsers: {words_of(error)}")) from None
         else:
             self._read_ns, self._browsers = changed_ns, browsers
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import can
 
-from bracket_ground.errors import SettingError
+from bracket_ground.errors import SettingError, words_of
 
 ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
 
@@ -31,4 +31,4 @@ def open_bus(
         echoing: dict[str, Any] = {"receive_own_messages": True} if echo and interface in ECHOING else {}
         return can.Bus(interface=interface, channel=channel, bitrate=bitrate, **echoing)
     except (can.CanError, OSError, ValueError, NotImplementedError, ImportError, AttributeError) as error:
-        raise SettingError((where, f"no CAN bus {interface!r} {channel!r}: {error}")) from error
+        raise SettingError((where, f"no CAN bus {interface!r} {channel!r}: {words_of(error)}")) from error

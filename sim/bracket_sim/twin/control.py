@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from bracket_ground.errors import CellError, InputError
+from bracket_ground.errors import CellError, InputError, words_of
 from bracket_sim.twin.cell import TwinCell
 from bracket_sim.twin.sockets import Port
 
@@ -63,7 +63,7 @@ def ask(address: Path, order: dict[str, Any]) -> Any:
             connection.sendall(json.dumps(order).encode())
             answer = json.loads(b"".join(iter(lambda: connection.recv(LONGEST), b"")))
     except (OSError, ValueError) as error:
-        raise InputError(f"{address}: no twin answers there: {error}; start one by `cell twin`") from None
+        raise InputError(f"{address}: no twin answers there: {words_of(error)}; start one by `cell twin`") from None
     if "error" in answer:
         raise InputError(answer["error"])
     return answer["told"]

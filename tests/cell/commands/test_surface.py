@@ -182,3 +182,10 @@ def test_one_node_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "ActivateGripper" in capsys.readouterr().out
     assert main(["nodes", "MoveTwo"]) == 2
     assert "MoveTo" in capsys.readouterr().err
+
+
+def test_a_table_shows_counts_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.console().print(terminal.table("run", {"places": {"bracket": 2, "rest": 1}, "reaches": 3}))
+    told = "".join(capsys.readouterr())
+    assert "bracket 2, rest 1" in told
+    assert "{" not in told

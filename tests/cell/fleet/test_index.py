@@ -128,7 +128,7 @@ def test_the_command_lists_searches_and_counts(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().out.count("PickPart (m.xml:3)") == 2
     page = tmp_path / "night.html"
     assert main(["log", "list", str(tmp_path), "--failures", "--html", str(page)]) == 0
-    assert "2 runs that failed" in capsys.readouterr().out
+    assert "2 failed" in capsys.readouterr().out
     assert page.read_text().count("PickPart (m.xml:3): nothing between the fingers") == 2
     assert main(["log", "list", str(tmp_path), "--html", str(page)]) == 2
     assert "--html goes with --failures" in capsys.readouterr().err

@@ -130,7 +130,7 @@ def test_each_of_many_runs_has_one_row_through_all_troubles(
     assert Counter(row["seed"] for row in found) == Counter(range(RUNS))
     assert {row["end"] for row in found} == {"finished"}
     told = capfd.readouterr().err
-    assert "is left out, as it had trouble: OSError: [Errno 28]" in told
+    assert "is left out, as it had trouble: OSError: " in told
     assert f"the scheduler {made.address} is gone" in told
     assert "the runs go on, and it is tried again" in told
     assert "Traceback" not in told

@@ -13,7 +13,7 @@ from cantools.database.can import Database, Message
 
 from bracket_cell.skills.drivers import gripper_database
 from bracket_cell.skills.drivers.settings import CanSettings
-from bracket_ground.errors import DeviceFault, LatchedFault
+from bracket_ground.errors import DeviceFault, LatchedFault, words_of
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
@@ -204,7 +204,7 @@ class CanGripper:
                     return
                 self._receive(message)
         except (can.CanError, OSError) as error:
-            raise DeviceFault("gripper", f"reading the CAN bus failed: {error}") from error
+            raise DeviceFault("gripper", f"reading the CAN bus failed: {words_of(error)}") from error
         self._late = True
         self._errors.append(f"more than {FRAMES_A_TICK} frames wait")
 
@@ -336,7 +336,7 @@ class CanGripper:
             self._bus.send(message)
         except (can.CanError, OSError) as error:
             if not self._waits(error):
-                raise DeviceFault("gripper", f"writing to the CAN bus failed: {error}") from error
+                raise DeviceFault("gripper", f"writing to the CAN bus failed: {words_of(error)}") from error
             return data
         self._full_s = None
         self._sent_s = self._clock.now_s()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import can
 
 from bracket_cell.skills.drivers.settings import SignalSettings
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.clock import Clock
 
@@ -70,10 +70,10 @@ class CanSignals:
                     self._bits = int.from_bytes(message.data, "little")
                     self._told_s = self._clock.now_s()
         except (can.CanError, OSError) as error:
-            raise DeviceFault("signals", f"reading the CAN bus failed: {error}") from error
+            raise DeviceFault("signals", f"reading the CAN bus failed: {words_of(error)}") from error
 
     def _send(self, identifier: int, data: bytes) -> None:
         try:
             self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         except (can.CanError, OSError) as error:
-            raise DeviceFault("signals", f"writing to the CAN bus failed: {error}") from error
+            raise DeviceFault("signals", f"writing to the CAN bus failed: {words_of(error)}") from error

@@ -23,7 +23,7 @@ from pymodbus.pdu import ModbusPDU
 
 from bracket_cell.skills.drivers.can_gripper import ACTIVE, ADOPTION_S, MAJOR_FAULT, NO_COMMUNICATION
 from bracket_cell.skills.drivers.settings import FingerSettings, RobotiqModbusSettings, RobotiqUrcapSettings
-from bracket_ground.errors import DeviceFault, LatchedFault
+from bracket_ground.errors import DeviceFault, LatchedFault, words_of
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.devices import DeviceCheck
@@ -165,7 +165,7 @@ class RegisterGripper:
         try:
             self._wire = open_wire()
         except OSError as error:
-            raise DeviceFault("gripper", f"cannot be opened: {error}") from error
+            raise DeviceFault("gripper", f"cannot be opened: {words_of(error)}") from error
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
 
@@ -412,7 +412,7 @@ def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[
     except OSError as error:
         adapter = "names of adapters: ls /dev/serial/by-id; the user must be in the group dialout"
         urcap = "install the gripper's URCap on the controller, and switch its network service on"
-        yield DeviceCheck(what, f"cannot be opened: {error}; {adapter if serial else urcap}")
+        yield DeviceCheck(what, f"cannot be opened: {words_of(error)}; {adapter if serial else urcap}")
         return
     if status.fault >= MAJOR_FAULT and status.fault != NO_COMMUNICATION:
         yield DeviceCheck(what, f"fault 0x{status.fault:02X}, {FAULTS[status.fault]}: switch it off and on")

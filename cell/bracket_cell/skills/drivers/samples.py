@@ -10,7 +10,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.observation import ArmMode
 from bracket_ground.interfaces.pose import Array
@@ -108,7 +108,7 @@ class SampleReceiver(Generic[Told]):
         try:
             self._connection = connect()
         except OSError as error:
-            raise DeviceFault(device, f"no controller answers at {at}: {error}") from None
+            raise DeviceFault(device, f"no controller answers at {at}: {words_of(error)}") from None
         self.period_s = self._connection.period_s
         self._thread = threading.Thread(target=self._run, name="samples of the arm", daemon=True)
         self._thread.start()

@@ -10,7 +10,7 @@ import time
 from types import TracebackType
 from typing import Self
 
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 
 PORT = 29999
 ANSWER_S = 2.0
@@ -29,7 +29,7 @@ class Dashboard:
         try:
             self._socket = socket.create_connection((host, PORT), ANSWER_S * slower)
         except OSError as error:
-            raise DeviceFault("arm", f"no dashboard at {host}:{PORT}: {error}") from None
+            raise DeviceFault("arm", f"no dashboard at {host}:{PORT}: {words_of(error)}") from None
         self._lines = self._socket.makefile("r", encoding="utf-8", errors="replace")
         try:
             self._line()
@@ -52,7 +52,7 @@ class Dashboard:
         try:
             self._socket.sendall(f"{line}\n".encode())
         except OSError as error:
-            raise DeviceFault("arm", f"the dashboard at {self._host} hung up: {error}") from None
+            raise DeviceFault("arm", f"the dashboard at {self._host} hung up: {words_of(error)}") from None
         return self._line()
 
     def order(self, line: str) -> None:
@@ -65,7 +65,7 @@ class Dashboard:
         try:
             line = self._lines.readline()
         except OSError as error:
-            raise DeviceFault("arm", f"the dashboard at {self._host} does not answer: {error}") from None
+            raise DeviceFault("arm", f"the dashboard at {self._host} does not answer: {words_of(error)}") from None
         if not line:
             raise DeviceFault("arm", f"the dashboard at {self._host} hung up")
         return line.strip()

@@ -16,7 +16,7 @@ from bracket_cell.skills.drivers.rtde import RtdeConnection
 from bracket_cell.skills.drivers.settings import UrSettings
 from bracket_cell.skills.drivers.ur_dashboard import Dashboard
 from bracket_cell.skills.drivers.ur_safety import safety_of
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.pose import Array, Pose
@@ -50,8 +50,8 @@ def examine(settings: UrSettings, bench: Bench, robot: RobotModel, forward: Forw
     except OSError as error:
         yield DeviceCheck(
             f"arm: a controller at {settings.host}",
-            f"none answers ({error}): check cable and address on both sides; from PolyScope 5.10 on switch on RTDE, "
-            "dashboard and primary client under Security, Services",
+            f"none answers ({words_of(error)}): check cable and address on both sides; from PolyScope 5.10 on switch "
+            "on RTDE, dashboard and primary client under Security, Services",
         )
         return
     except DeviceFault as error:
@@ -77,7 +77,7 @@ def joints_rad(settings: UrSettings) -> Array:
     try:
         return _told(settings.host)[0]["actual_q"]
     except OSError as error:
-        raise DeviceFault("arm", f"no controller answers at {settings.host}: {error}") from None
+        raise DeviceFault("arm", f"no controller answers at {settings.host}: {words_of(error)}") from None
 
 
 def calibration(settings: UrSettings) -> Calibration:
@@ -99,7 +99,7 @@ def calibration(settings: UrSettings) -> Calibration:
                     if message[4] == ROBOT_STATE and (found := _rows(message[5:])) is not None:
                         return found
     except OSError as error:
-        what = f"port {PRIMARY_PORT} of {settings.host} does not answer: {error}"
+        what = f"port {PRIMARY_PORT} of {settings.host} does not answer: {words_of(error)}"
         raise DeviceFault("arm", f"{what}; switch the primary client on under Security, Services") from None
     raise DeviceFault("arm", f"the controller at {settings.host} does not tell its calibration")
 
@@ -244,7 +244,7 @@ def _registers(settings: UrSettings) -> DeviceCheck:
     try:
         taken = {name: _in_use(settings.host, first) for name, first in (("lower", 0), ("upper", 24))}
     except OSError as error:
-        return DeviceCheck("arm: registers", f"the controller hung up: {error}")
+        return DeviceCheck("arm: registers", f"the controller hung up: {words_of(error)}")
     what = f"arm: registers ({settings.registers})"
     wanted = ("lower", "upper") if settings.registers == "auto" else (settings.registers,)
     if not all(taken[name] for name in wanted):

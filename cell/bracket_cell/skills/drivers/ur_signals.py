@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from bracket_cell.skills.drivers.rtde import FORMS, RtdeConnection
 from bracket_cell.skills.drivers.samples import SampleReceiver
 from bracket_cell.skills.drivers.settings import UrSignalSettings
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 from bracket_ground.interfaces.clock import Clock
 
 RATE_HZ, ANSWER_S = 25.0, 2.0
@@ -142,7 +142,7 @@ class UrSignals:
         try:
             self._connection.put(self._sets)
         except OSError as error:
-            raise DeviceFault("signals", f"{self._settings.host} hung up: {error}") from None
+            raise DeviceFault("signals", f"{self._settings.host} hung up: {words_of(error)}") from None
 
     def close(self) -> None:
         """Hang up; outputs stay as they are."""

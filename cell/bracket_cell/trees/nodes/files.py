@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from bracket_ground.errors import words_of
 from bracket_ground.interfaces.notes import Journal
 from btxml.engine.errors import NodeError
 
@@ -42,7 +43,7 @@ class WorkingFolder:
                 raise NodeError(f"{path} is larger than {SIZE_LIMIT} bytes")
             text = file.read_text(encoding="utf-8") if file.exists() else None
         except (OSError, UnicodeDecodeError) as error:
-            raise NodeError(f"{path} cannot be read: {error}") from None
+            raise NodeError(f"{path} cannot be read: {words_of(error)}") from None
         _note_read(path, text, journal)
         return text
 
@@ -64,7 +65,7 @@ class WorkingFolder:
                 stream.write(content)
             partial.replace(file)
         except OSError as error:
-            raise NodeError(f"{path} cannot be written: {error}") from None
+            raise NodeError(f"{path} cannot be written: {words_of(error)}") from None
         journal.note("file", path=path, done="written", text=text)
 
 
@@ -120,7 +121,7 @@ def _inside(path: str) -> Path:
     try:
         file = (folder / path).resolve()
     except (OSError, ValueError, RuntimeError) as error:
-        raise NodeError(f"'{path}' is not a path: {error}") from None
+        raise NodeError(f"'{path}' is not a path: {words_of(error)}") from None
     if not path or Path(path).is_absolute() or not file.is_relative_to(folder.resolve()) or file == folder.resolve():
         raise NodeError(f"'{path}' leads out of the working folder; name a file below it")
     return file

@@ -8,6 +8,7 @@ import math
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from ssl import SSLError
 from typing import Literal, cast
 
 import orjson
@@ -23,7 +24,7 @@ from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door, handed_over
 from bracket_cell.viewing.gate import LOOPBACK, Address
 from bracket_cell.viewing.page.callers import POLICY, Connection, NamedAlone
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 from bracket_ground.files.words.catalogue import catalogue, languages
 
 STATIC = Path(__file__).parent / "static"
@@ -78,9 +79,10 @@ class WebServer:
         )
         try:
             config.load()
-        except OSError as error:  # ssl.SSLError is one
+        except OSError as error:
             self._socket.close()
-            raise InputError(f"page.certificate {settings.certificate}: cannot be used: {error}") from None
+            why = "no certificate with its key, in PEM" if isinstance(error, SSLError) else words_of(error)
+            raise InputError(f"page.certificate {settings.certificate}, page.key {settings.key}: {why}") from None
         self._server = uvicorn.Server(config)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread(target=self._serve, name="operator's page", daemon=True)

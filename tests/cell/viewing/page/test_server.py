@@ -154,7 +154,7 @@ def test_a_host_must_be_named(text: str) -> None:
 def test_a_certificate_that_is_none_is_told(tmp_path: Path) -> None:
     (tmp_path / "none.pem").write_text("nothing", encoding="utf-8")
     settings = PageSettings(certificate=tmp_path / "none.pem", key=tmp_path / "none.pem")
-    with pytest.raises(InputError, match=r"page\.certificate .*none\.pem: cannot be used"):
+    with pytest.raises(InputError, match=r"page\.certificate .*none\.pem: no certificate with its key, in PEM"):
         PageRig(settings)
 
 

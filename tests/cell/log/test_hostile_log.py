@@ -11,8 +11,10 @@ import orjson
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 
 from bracket_cell.learned.inference.onnx_model import sealed, without_digest
+from bracket_cell.log.read.indexed import IndexedLog
 from bracket_cell.log.read.mcap_file import Message
 from bracket_cell.log.read.reader import Log, read_log
 from bracket_cell.log.read.resume import after_tick
@@ -24,7 +26,7 @@ from bracket_cell.log.replay.logged_tree import logged_product
 from bracket_cell.log.replay.replay import Replay
 from bracket_cell.recording.schemas import json_bytes
 from bracket_cell.wiring.run_state import state_of
-from bracket_ground.errors import CellError
+from bracket_ground.errors import CellError, LogError
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resume import ResumeState
 from tests.cell.log.hostile import EDITS, Audit, flipped
@@ -170,3 +172,33 @@ def test_messages_that_lie_are_refused_or_harmless(kept: Kept) -> None:
 @pytest.mark.slow
 def test_many_messages_that_lie_are_refused_or_harmless(kept: Kept) -> None:
     try_messages(kept, MANY)
+
+
+def test_a_bomb_that_the_index_names_is_not_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("cell", "cell")
+        writer.add_message(writer.register_channel("/tick", "json", 0), 1, bytes(80_000_000), 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert path.stat().st_size < 20_000
+    with pytest.raises(LogError, match="promises 80"):
+        list(IndexedLog(path).messages())
+
+
+@pytest.mark.parametrize("at", [0.5, 0.9])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_damaged_chunk_is_told_where_it_is_needed(at: float, reverse: bool, tmp_path: Path) -> None:
+    path, content = tmp_path / "flipped.mcap", bytearray(CASE.read_bytes())
+    begin = content.index(b"zstd")
+    content[begin + int(at * (len(content) - 60_000 - begin))] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="is damaged where it is needed: a chunk"):
+        list(IndexedLog(path).messages(topics=("/tick",), reverse=reverse))
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_an_index_finds_what_a_reader_of_the_whole_log_finds(reverse: bool) -> None:
+    whole = sorted(read_log(CASE).messages, key=lambda message: message.time_ns)
+    found = list(IndexedLog(CASE).messages(reverse=reverse))
+    assert found == (whole[::-1] if reverse else whole)

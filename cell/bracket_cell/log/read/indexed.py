@@ -10,15 +10,18 @@ import os
 import struct
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
+from heapq import heappop, heappush
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
-from bracket_cell.log.read.mcap_file import Message, read_mcap, statistics
+from bracket_cell.log.read.mcap_file import SALVAGE, Message, read_mcap, statistics
 from bracket_cell.log.read.reader import files_of
+from bracket_cell.log.read.records import HEAD, MESSAGE, Damage, inside, parse, unpacked
 from bracket_ground.errors import LogError
 from bracket_ground.files.files import regular
 
@@ -67,34 +70,30 @@ class IndexedLog:
     ) -> Iterator[Message]:
         try:
             with regular(path).open("rb") as stream:
-                found = self._reader(path, stream).iter_messages(
-                    topics, starting_at=span[0], ending_before=span[1], reverse=reverse
-                )
-                for _, channel, message in found:
-                    yield Message(channel.topic, channel.message_encoding, message.log_time, message.data)
+                yield from _in_order(stream, self._summary(path, stream), span, topics, reverse)
         except OSError as error:
             raise LogError(path, f"cannot be read: {error.strerror or error}") from None
         except _NoIndexError:
             yield from _unindexed(path, span, topics, reverse)
-        except (McapError, ValueError) as error:
-            raise LogError(path, f"is damaged where it is needed: {error}") from None
+        except Damage as damage:
+            raise LogError(path, f"is damaged where it is needed: {damage}; {SALVAGE}") from None
 
-    def _reader(self, path: Path, stream: BinaryIO) -> _Reader:
-        """Of an open file, with its index.
+    def _summary(self, path: Path, stream: BinaryIO) -> Summary:
+        """The index of an open file.
 
         Raises:
-            _NoIndexError: the file ends before it.
+            _NoIndexError: the file ends before it, or it is damaged.
         """
         key = path, os.fstat(stream.fileno()).st_size
-        try:
-            reader = _Reader(stream, self._summaries.get(key))
-            summary = reader.get_summary()
-        except (McapError, struct.error, ValueError, OSError):
-            raise _NoIndexError from None
-        if summary is None or not summary.chunk_indexes:
-            raise _NoIndexError
-        self._summaries[key] = summary
-        return reader
+        if key not in self._summaries:
+            try:
+                summary = SeekingReader(stream, validate_crcs=True).get_summary()
+            except (McapError, struct.error, ValueError, OSError, OverflowError):
+                raise _NoIndexError from None
+            if summary is None or not summary.chunk_indexes:
+                raise _NoIndexError
+            self._summaries[key] = summary
+        return self._summaries[key]
 
 
 def parts_within(paths: Sequence[Path], from_s: float, until_s: float) -> list[Path]:
@@ -124,12 +123,42 @@ class _NoIndexError(Exception):
     """The file ends before its index."""
 
 
-class _Reader(SeekingReader):
-    """A reader that may know the file's index already."""
+def _in_order(
+    stream: BinaryIO, summary: Summary, span: tuple[int, int], topics: Collection[str] | None, reverse: bool
+) -> Iterator[Message]:
+    """Messages by time; a chunk is read when its time has come. Raises: Damage: one that is needed is not whole."""
+    sign = -1 if reverse else 1
+    wanted = {number for number, channel in summary.channels.items() if topics is None or channel.topic in topics}
+    begins = {
+        chunk.chunk_start_offset: sign * (chunk.message_end_time if reverse else chunk.message_start_time)
+        for chunk in summary.chunk_indexes
+        if chunk.message_start_time < span[1] and chunk.message_end_time >= span[0]
+        if wanted & chunk.message_index_offsets.keys() or not chunk.message_index_offsets
+    }
+    waiting: list[tuple[int, int, int, Message]] = []
+    for at in sorted(begins, key=lambda at: (begins[at], sign * at)):
+        while waiting and waiting[0][0] < begins[at]:
+            yield heappop(waiting)[-1]
+        for number, (channel_id, time_ns, data) in enumerate(_chunk(stream, at)):
+            if span[0] <= time_ns < span[1] and channel_id in wanted:
+                channel = summary.channels[channel_id]
+                message = Message(channel.topic, channel.message_encoding, time_ns, bytes(data))
+                heappush(waiting, (sign * time_ns, sign * at, sign * number, message))
+    while waiting:
+        yield heappop(waiting)[-1]
 
-    def __init__(self, stream: BinaryIO, summary: Summary | None) -> None:
-        super().__init__(stream, validate_crcs=True)
-        self._summary = summary
+
+def _chunk(stream: BinaryIO, at: int) -> Iterator[tuple[int, int, memoryview]]:
+    """Channel, time in [ns] and content of the messages of the chunk that begins at a place, which may be a lie."""
+    rest = os.fstat(stream.fileno()).st_size - at - HEAD.size
+    stream.seek(at if rest >= 0 else 0)
+    opcode, length = HEAD.unpack(stream.read(HEAD.size))
+    if opcode != Opcode.CHUNK or length > rest:
+        raise Damage(f"no whole chunk begins at byte {at}")
+    for kind, record in inside(unpacked(parse(opcode, memoryview(stream.read(length))))):
+        if kind == Opcode.MESSAGE:
+            channel, _, time_ns, _ = MESSAGE.unpack_from(record)
+            yield channel, time_ns, record[MESSAGE.size :]
 
 
 def _unindexed(path: Path, span: tuple[int, int], topics: Collection[str] | None, reverse: bool) -> Iterator[Message]:

@@ -171,6 +171,6 @@ def _inflated(compression: str, packed: bytes, size: int) -> bytes:
                 return bytes(stream.read(size + 1))
         if compression == "lz4":
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise Damage(f"a chunk cannot be decompressed: {error}") from None
+    except (zstandard.ZstdError, RuntimeError, EOFError):
+        raise Damage("a chunk cannot be decompressed") from None
     raise Damage(f"unknown compression {compression!r}; legal: none, zstd, lz4")

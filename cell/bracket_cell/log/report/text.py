@@ -209,9 +209,10 @@ def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     if info["unfinished"]:
         yield f"  MISSING   {info['unfinished']}"
     yield f"  ticks     {info['ticks']} in {info['duration_s']:.2f} s"
-    yield f"  tick took {info['tick_wall_p50_ms']} ms (median), {info['tick_wall_max_ms']} ms at most; " + (
-        f"{info['overruns']} overruns"
-    )
+    if info["ticks"]:
+        yield f"  tick took {info['tick_wall_p50_ms']} ms (median), {info['tick_wall_max_ms']} ms at most; " + (
+            f"{info['overruns']} overruns"
+        )
     for title, values in (("recorded with", facts), ("attached, bytes", info["attachments"])):
         yield f"{title}:"
         yield from _columns(values.items())

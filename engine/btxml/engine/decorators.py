@@ -126,7 +126,8 @@ class Timeout(Decorator):
         """Its own words where the time is up, with what it halted."""
         if answer is not FAILURE or not self.feedback_message:
             return super().decision(answer, history)
-        halted = [f"{leaf.name} {leaf.feedback_message or 'runs'}" for leaf in history.halted_below(self)]
+        below = history.halted_below(self)
+        halted = [f"{leaf.name} runs" + f" ({leaf.feedback_message})" * bool(leaf.feedback_message) for leaf in below]
         words = self.feedback_message + (f", while {', '.join(halted)}" if halted else "")
         return Decision((), words, f"if {self.decorated.name} had ended within {self.msec.get()} ms")
 

@@ -124,6 +124,14 @@ class Needs(Node):
         return Status.FAILURE
 
 
+class Talks(Node):
+    """Runs, and says what it does."""
+
+    def update(self) -> Status:
+        self.feedback_message = "moving above o3"
+        return Status.RUNNING
+
+
 class AtMost(Control):
     """Fails where more than one child succeeded; says so."""
 
@@ -159,6 +167,12 @@ def test_a_failure_is_told_from_the_root_down(tmp_path: Path, body: str, told: s
     assert why is not None
     assert why.steps[0].path == tree.root.full_path
     assert reason_of(json.loads(json.dumps(why.plain()))) == why
+
+
+def test_what_a_timeout_halted_is_told_with_its_words(tmp_path: Path) -> None:
+    tree, clock = loaded(tmp_path, '<Timeout msec="50"><Talks/></Timeout>', (Talks,))
+    ended(tree, clock)
+    assert str(tree.why()) == "Timeout (m.xml:3): time is up after 50 ms, while Talks runs (moving above o3)"
 
 
 def test_the_values_are_those_of_the_moment_in_which_it_decided(tmp_path: Path) -> None:

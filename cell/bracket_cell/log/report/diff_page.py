@@ -115,11 +115,15 @@ def _outcomes(one: Log, other: Log) -> Iterator[tuple[str, str, str]]:
     for of in ("outcome", "result"):
         was, now = getattr(one, of), getattr(other, of)
         found += [
-            (name, short(was.get(name, "-")), short(now.get(name, "-")))
+            (name, _few_digits(was.get(name, "-")), _few_digits(now.get(name, "-")))
             for name in dict.fromkeys((*was, *now))
-            if name != "inputs_sha256"
+            if name not in ("inputs_sha256", "why")  # whose words are those of `cause`
         ]
     yield from sorted(found, key=lambda row: row[1] == row[2])
+
+
+def _few_digits(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else short(value)
 
 
 def _events(one: Log, other: Log) -> Iterator[Event]:

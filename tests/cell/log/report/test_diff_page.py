@@ -6,6 +6,7 @@ import dataclasses
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -47,6 +48,20 @@ def test_another_tree_is_named_before_all_else(assembly_log: Log) -> None:
     assert "tree/assemble.xml" in told
     assert told.index("Why they differ") < told.index("Recorded with") < told.index("What came of it")
     assert told.count("data:image/jpeg;base64,") == 2
+
+
+def test_outcomes_are_told_in_few_digits_and_without_brackets(assembly_log: Log) -> None:
+    failed: Any = {
+        "end": "failed",
+        "cause": "time is up",
+        "why": {"text": "time is up"},
+        "wall_time_s": 85.58608434299822,
+    }
+    told = page(assembly_log, dataclasses.replace(assembly_log, outcome=failed))
+    assert "85.59" in told
+    assert "85.586" not in told
+    assert "&#34;text&#34;" not in told
+    assert '{"text"' not in told
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
-VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm")
+VIDEOS = (".mp4", ".m4v", ".mpg", ".avi", ".mov", ".mkv", ".webm", ".wmv", ".gif")
 MISSING = 2  # frames: a sound video may have one less than it tells, and fewer, but as late ones, if its rate varies
 LEGAL = "an image, a folder of images, a video, a log (.mcap), camera:NUMBER, or sim:SEED"
 

@@ -215,6 +215,14 @@ def test_a_video_gives_a_video_of_the_frames_that_are_asked_for(
     assert made.get(cv2.CAP_PROP_FPS) == pytest.approx(7.5)
 
 
+def test_a_moving_gif_is_a_video(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moving = cv2.Animation()
+    moving.frames = [image for image in [cv2.imread(str(picture))] if image is not None] * 3
+    moving.durations = [100] * 3
+    cv2.imwriteanimation("clip.gif", moving)
+    assert len(see(capsys, "clip.gif")["frames"]) == 3
+
+
 def test_a_video_whose_end_is_missing_is_seen_as_far_as_it_goes_and_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import socket
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from bracket_cell.skills.drivers import stream
+from bracket_cell.remote.channel import Channel
+from bracket_cell.remote.child import Child
+from bracket_cell.skills.drivers import stream, streaming
 from bracket_cell.skills.drivers.streaming import StreamingArm
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
@@ -132,3 +135,33 @@ def test_an_arm_that_is_held_does_not_go_on() -> None:
     times_s = np.linspace(10.0, 10.03, 4)
     places = StreamingArm._places_s(arm, times_s[-1] + np.array([0.05, 0.10]), times_s, [0.3, 0.31, 0.31, 0.31], True)
     assert places == (0.31, 0.31)
+
+
+@pytest.mark.parametrize(("busy_s", "streams"), [(30.0, True), (200.0, False)])
+def test_an_arm_is_streamed_to_while_its_detectors_get_ready(
+    monkeypatch: pytest.MonkeyPatch, busy_s: float, streams: bool
+) -> None:
+    """Of an e-series, whose period is 2 ms, 3 s filled the connection that nobody reads meanwhile."""
+    machine = Machine({})
+    arm, until_s = Arm(machine), machine.now_s + busy_s
+    monkeypatch.setattr(stream, "time", machine)
+    monkeypatch.setattr(streaming, "time", machine)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        child = cast(Child, SimpleNamespace(name="process that streams set points"))
+        heard = streaming.Stream(child, Channel(ours, stream.FromStream))
+        heard.heard_s = heard.listened_s = machine.now_s
+        heard.say(stream.Start(np.zeros(1), ACCELERATION_RAD_S2))
+        listened: list[str] = []
+
+        def sleep(seconds: float) -> None:
+            machine.now_s += seconds
+            if machine.now_s > until_s:
+                heard.hear(1.0)
+                listened.append(heard.lost)
+            if len(listened) > 500:
+                heard.say(stream.Leave())
+
+        monkeypatch.setattr(machine, "sleep", sleep)
+        stream._Stream(arm, Channel(theirs, stream.ToStream), 0.002, 1.0).run()
+    assert set(listened) == ({""} if streams else set())

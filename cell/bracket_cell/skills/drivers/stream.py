@@ -21,7 +21,8 @@ from bracket_ground.interfaces.pose import Array
 
 BLEND_S = 0.3  # in which a path is reached that begins beside the set points
 HURRY_PERIODS = 2.0  # a cycle that is later than this is left out; made up for where an arm goes on by itself
-STANDING_CYCLES = 5  # set points that do not change are told so often: who reads nothing for long is taken for gone
+STANDING_CYCLES = 5  # set points that do not change are told so often
+UNREAD_S = 120.0  # who reads nothing for so long is taken for gone; a start, with all detectors, takes up to 60 s
 LEAVE_S = 0.02  # from the last set point to the end, which takes what is left of the motion
 LISTENS_S = 0.5
 RESTS = (0, 0.0)  # a piece that ends where it begins
@@ -175,7 +176,7 @@ class _Stream:
         self._target: Array = np.zeros(0)
         self._beside: Array = np.zeros(0)  # from the path to the set point, as the path began
         self._blended, self._paths = 1.0, 0
-        self._share, self._heard_s = 0.0, -1.0
+        self._share, self._heard_s, self._read_s = 0.0, -1.0, time.monotonic()
         self._leaving, self._untold = False, 0
         self._piece_s = 0.0
         self._piece = RESTS  # the newest: of which path, at which share
@@ -294,10 +295,15 @@ class _Stream:
             self._path.stop()
 
     def say(self, message: Message) -> bool:
-        """Whether somebody listens; who does not is gone."""
+        """Whether somebody listens; who is busy misses it, who is so for long is gone."""
+        now_s = time.monotonic()
         try:
             if not self._leaving:
-                self._channel.send(message, 0.0)
-        except (EOFError, TimeoutError):
+                self._channel.send(message, 0.0)  # so short that it goes whole or not at all
+                self._read_s = now_s
+        except TimeoutError:
+            if now_s - self._read_s > UNREAD_S:
+                self._leave()
+        except EOFError:
             self._leave()
         return not self._leaving

@@ -59,6 +59,7 @@ class Stream:
         paths: how many were begun.
         lost: why it streams no more; empty while it does.
         heard_s: time of the machine of the newest set point.
+        listened_s: time of the machine when it was last heard; silence counts from there where that was long ago.
         begun: one was told.
         made_s: time of the machine when it began.
         took: the controller took set points once.
@@ -70,6 +71,7 @@ class Stream:
     paths: int = 0
     lost: str = ""
     heard_s: float = field(default_factory=time.monotonic)
+    listened_s: float = field(default_factory=time.monotonic)
     begun: bool = False
     made_s: float = field(default_factory=time.monotonic)
     took: bool = False
@@ -78,6 +80,7 @@ class Stream:
         """Take what it told; notice when it is silent, stopped or gone."""
         if self.lost:
             return
+        before_s, self.listened_s = self.listened_s, time.monotonic()
         try:
             while (message := self.channel.taken()) is not None:
                 if isinstance(message, said.Lost):
@@ -90,7 +93,9 @@ class Stream:
         except EOFError:
             self.lost = f"the {self.child.name} died"
             return
-        silent_s = (time.monotonic() - self.heard_s) / slower
+        if self.listened_s - before_s > SILENT_S * slower:
+            self.heard_s = self.listened_s
+        silent_s = (self.listened_s - self.heard_s) / slower
         if silent_s > (SILENT_S if self.begun else 3 * SILENT_S):
             self.lost = f"the {self.child.name} sent no set point for {silent_s:.2f} s"
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from bracket_cell.configuration import Configuration
@@ -17,6 +20,7 @@ from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.product import Product
 
 Check = Callable[[Any], None]
+MOST_S = 120.0  # of one check on the clock; the longest takes a quarter of it
 CHECKS: Mapping[str, tuple[Check, ...]] = {
     "arm": tuple(check for check in arm.CHECKS if check is not arm.check_protective_stop),
     "gripper": tuple(check for check in gripper.CHECKS if check is not gripper.check_a_part_is_held_and_kept),
@@ -47,20 +51,57 @@ def role_of(configuration: Configuration, kind: str) -> str:
 def contracted(configuration: Configuration, product: Product, role: str, slower: float = 1.0) -> Iterator[DeviceCheck]:
     """Each check, with where it failed; the device is opened anew for each, and moves.
 
+    One that waits is the last; so is the first, which moves nothing, where it does not hold.
+
     Raises:
         CellError: it cannot be opened.
     """
     for check in CHECKS[role]:
         words = check.__doc__ or check.__name__.removeprefix("check_").replace("_", " ")
         what = f"{role}: {' '.join(words.split())}"
+        found: list[str | CellError] = []
+        tried = partial(_outcome, configuration, product, role, slower, check)
+        thread = threading.Thread(target=lambda tried=tried, found=found: found.append(tried()), daemon=True)
+        thread.start()
+        thread.join(MOST_S * slower)
+        if not found:
+            last = traceback.extract_stack(sys._current_frames().get(thread.ident or 0))[-1]
+            waits = f"does not come back within {MOST_S * slower:g} s, and no more is tried"
+            yield DeviceCheck(what, f"{waits}; it is at {last.filename}:{last.lineno}: {last.line}")
+            return
+        if isinstance(found[0], CellError):
+            raise found[0]
+        yield DeviceCheck(what, found[0])
+        if found[0] and check is CHECKS[role][0]:
+            return
+
+
+def _outcome(configuration: Configuration, product: Product, role: str, slower: float, check: Check) -> str | CellError:
+    """What a check found, in words; why the device could not be opened."""
+    try:
         with _opened(configuration, product, role, slower) as (device, clock):
-            try:
-                check(_bench(configuration, role, device, clock))
-            except (AssertionError, CellError) as error:
-                line = traceback.extract_tb(error.__traceback__)[-1].line
-                yield DeviceCheck(what, str(error) or f"does not hold: {line}")
-            else:
-                yield DeviceCheck(what)
+            return _broken(check, _bench(configuration, role, device, clock))
+    except CellError as error:
+        return error
+    except (Exception, SystemExit) as error:
+        return _raised(error)
+
+
+def _broken(check: Check, bench: object) -> str:
+    try:
+        check(bench)
+    except (AssertionError, CellError) as error:
+        line = traceback.extract_tb(error.__traceback__)[-1].line
+        return str(error) or f"does not hold: {line}"
+    except (Exception, SystemExit) as error:
+        return _raised(error)
+    return ""
+
+
+def _raised(error: BaseException) -> str:
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    words = f"{type(error).__name__} {' '.join(str(error).split())}".strip()
+    return f"raises {words} at {last.filename}:{last.lineno}: a lost device raises DeviceFault, else nothing"
 
 
 @contextmanager
@@ -81,7 +122,7 @@ def _opened(configuration: Configuration, product: Product, role: str, slower: f
 
 def _bench(configuration: Configuration, role: str, device: Any, clock: Clock) -> Any:
     if role == "arm":
-        return arm.Bench(device, clock)
+        return arm.Bench(device, clock, joints=len(configuration.robot.joints))
     if role == "gripper":
         return gripper.Bench(device, clock, lambda _: None)
     setup = getattr(configuration.bench, role)

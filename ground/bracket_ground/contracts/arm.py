@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bracket_ground.contracts import TICK_S, require_prompt
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import JointTrajectory
@@ -15,7 +16,6 @@ from bracket_ground.interfaces.devices import Arm
 from bracket_ground.interfaces.observation import ArmState
 from bracket_ground.interfaces.pose import Array
 
-TICK_S = 0.04
 OFF_PATH_RAD = 0.025  # what the supervisor allows; figures of one's own are measured elsewhere
 ON_PATH_RAD = 0.002
 WAY_RAD = (0.5, -0.3, 0.4, 0.8, -0.4, 1.6)  # of the first joints; a seventh and later ones begin again
@@ -30,12 +30,14 @@ class Bench:
     Attributes:
         stop_by_itself: the arm has a protective stop from now on; None where nothing can cause it.
         share: of speed that each tick allows; None: no tick calls it.
+        joints: of the robot; 0 where nobody says.
     """
 
     arm: Arm
     clock: Clock
     stop_by_itself: Callable[[], None] | None = None
     share: float | None = 1.0
+    joints: int = 0
 
     @property
     def at_rad(self) -> Array:
@@ -99,11 +101,21 @@ def off_rad(path: JointTrajectory, at_rad: Array) -> float:
 def check_standing(bench: Bench) -> None:
     """A standing arm tells where it is, and follows nothing."""
     first, state = bench.arm.state(), bench.tick()
-    assert len(state.positions_rad) == len(state.velocities_rad_s) > 0
-    assert np.isfinite(state.positions_rad).all()
+    count, at_rad = bench.joints or len(first.positions_rad), state.positions_rad
+    assert len(at_rad) == count > 0, f"tells {len(at_rad)} joints, the robot has {count}"
+    assert len(state.velocities_rad_s) == count
+    assert np.isfinite(at_rad).all(), f"tells no number of each joint: {at_rad}"
     assert state.time_s > first.time_s
     assert state.time_s <= bench.clock.now_s() + 0.01
     assert (state.moving, state.mode, state.path_s) == (False, "normal", None)
+
+
+def check_no_call_waits(bench: Bench) -> None:
+    """No call waits: the tree ticks every 40 ms."""
+    arm, way = bench.arm, bench.way(0.0)
+    require_prompt(state=arm.state, pace=lambda: arm.pace(1.0), samples=arm.samples)
+    require_prompt(follow=lambda: arm.follow(way), stop=arm.stop)
+    bench.rest()
 
 
 def check_arrival(bench: Bench) -> None:
@@ -206,5 +218,6 @@ def check_protective_stop(bench: Bench) -> None:
 
 
 CHECKS = (
-    check_standing, check_arrival, check_hold, check_silence, check_stop, check_samples, check_protective_stop
+    check_standing, check_no_call_waits, check_arrival, check_hold, check_silence, check_stop, check_samples,
+    check_protective_stop,
 )  # fmt: skip

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bracket_ground.contracts import TICK_S, require_prompt
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.command import GripperCommand
 from bracket_ground.interfaces.devices import Gripper
 from bracket_ground.interfaces.observation import GripperState, ObjectStatus
 
-TICK_S = 0.040
 STEPS = 255  # that an opening is told in at least
 
 
@@ -71,6 +71,11 @@ def check_reading(bench: Bench) -> None:
     assert first.time_s < state.time_s <= bench.clock.now_s()
     assert abs(state.opening_m - first.opening_m) <= 0.001
     assert not state.activated
+
+
+def check_no_call_waits(bench: Bench) -> None:
+    """No call waits: the tree ticks every 40 ms."""
+    require_prompt(state=bench.gripper.state)
 
 
 def check_activation(bench: Bench) -> None:
@@ -144,6 +149,7 @@ def check_hold_stops_the_fingers(bench: Bench) -> None:
 
 CHECKS = (
     check_reading,
+    check_no_call_waits,
     check_activation,
     check_positions_are_reached,
     check_commands_are_cut_to_the_registers,

@@ -12,6 +12,8 @@ from shutil import copytree
 import pytest
 
 from bracket_cell.commands.main import main
+from bracket_cell.wiring import contracted
+from bracket_ground.contracts.arm import check_no_call_waits, check_standing
 from tests import ROOT
 
 DRIVER = '''
@@ -60,9 +62,43 @@ def test_an_own_arm_is_tried_in_words(
     told = json.loads(capsys.readouterr().out)
     assert told["healthy"] is (status == 0)
     wrong = [one["what"] for one in told["findings"] if not one["ok"]]
-    assert len(told["findings"]) == 6
+    assert len(told["findings"]) == 7
     assert [what for what in wrong if "A stop ends on the path" in what] == wrong
     assert len(wrong) == status
+
+
+STATE = "def state(self): return self._arm.state()"
+FOLLOW = "def follow(self, trajectory): return self._arm.follow(trajectory)"
+TOLD = "def state(self): s = self._arm.state(); return __import__('dataclasses').replace(s, {})"
+FAULTS = {
+    "late": (STATE, "def state(self): __import__('time').sleep(0.06); return self._arm.state()", "ms, must come back"),
+    "late to follow": (FOLLOW, "def follow(self, _): __import__('time').sleep(0.06)", "ms, must come back"),
+    "too few joints": (STATE, TOLD.format("positions_rad=s.positions_rad[:5]"), "tells 5 joints, the robot has 6"),
+    "no numbers": (STATE, TOLD.format("positions_rad=(float('nan'),) * 6"), "tells no number of each joint: (nan, nan"),
+    "raises": (STATE, "def state(self): raise KeyError('boom')", "raises KeyError 'boom' at "),
+    "leaves": (FOLLOW, "def follow(self, _): raise SystemExit(3)", "raises SystemExit 3 at "),
+    "does not open": ("self._arm = simulated", "raise ZeroDivisionError", "ZeroDivisionError"),
+    "does not close": ("def close(self): pass", "def close(self): raise ValueError('open')", "raises ValueError open"),
+    "hangs": (STATE, "def state(self): import threading; threading.Event().wait()", "does not come back within 8 s"),
+    "stays open": ("def close(self): pass", "def close(self): __import__('threading').Event().wait()", "within 8 s"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_breaks_a_rule_is_told_and_never_waited_for(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good, bad, words = FAULTS[name]
+    assert DRIVER.count(good) == 1
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_arm", raising=False)
+    monkeypatch.setattr(contracted, "CHECKS", {**contracted.CHECKS, "arm": (check_standing, check_no_call_waits)})
+    monkeypatch.setattr(contracted, "MOST_S", 8.0 if "within 8 s" in words else 90.0)
+    assert main(["doctor", "--config", cell(tmp_path, DRIVER.replace(good, bad)), "--contract", "arm"]) in (1, 3)
+    told = capsys.readouterr()
+    assert words in " ".join((told.out + told.err).split())
+    assert "Traceback" not in told.out + told.err
+    assert "WARNING" not in told.out + told.err
 
 
 def test_nobody_there_to_press_enter_moves_nothing(

@@ -39,6 +39,8 @@ NAMES = {
     "A person's file, for `cell lab run --person FILE`": "person",
 }
 UNITS = {
+    "_nm_s_rad": "N m s/rad", "_nm_rad": "N m/rad", "_nm": "N m", "_n_m": "N/m", "_kg_m2": "kg m²", "_kg_m_s": "kg m/s",
+    "_kpa": "kPa",
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²", "_m_s": "m/s",
     "_rad": "rad", "_mm": "mm", "_m2": "m²", "_m": "m", "_ms": "ms", "_s": "s", "_hz": "Hz", "_px": "px", "_kg": "kg",
     "_n": "N", "_mb": "MB", "_rgb": "0 to 1 each", "bitrate": "bit/s",

@@ -101,6 +101,7 @@ def off_rad(path: JointTrajectory, at_rad: Array) -> float:
 def check_standing(bench: Bench) -> None:
     """A standing arm tells where it is, and follows nothing."""
     first, state = bench.arm.state(), bench.tick()
+    assert isinstance(state, ArmState), f"state gives {state!r}, must give an ArmState"
     count, at_rad = bench.joints or len(first.positions_rad), state.positions_rad
     assert len(at_rad) == count > 0, f"tells {len(at_rad)} joints, the robot has {count}"
     assert len(state.velocities_rad_s) == count
@@ -113,6 +114,7 @@ def check_standing(bench: Bench) -> None:
 def check_no_call_waits(bench: Bench) -> None:
     """No call waits: the tree ticks every 40 ms."""
     arm, way = bench.arm, bench.way(0.0)
+    assert isinstance(path := arm.follow(way), JointTrajectory), f"follow gives {path!r}, must give the path it follows"
     require_prompt(state=arm.state, pace=lambda: arm.pace(1.0), samples=arm.samples)
     require_prompt(follow=lambda: arm.follow(way), stop=arm.stop)
     bench.rest()

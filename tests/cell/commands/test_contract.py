@@ -72,9 +72,11 @@ FOLLOW = "def follow(self, trajectory): return self._arm.follow(trajectory)"
 TOLD = "def state(self): s = self._arm.state(); return __import__('dataclasses').replace(s, {})"
 FAULTS = {
     "late": (STATE, "def state(self): __import__('time').sleep(0.06); return self._arm.state()", "ms, must come back"),
-    "late to follow": (FOLLOW, "def follow(self, _): __import__('time').sleep(0.06)", "ms, must come back"),
+    "late to follow": (FOLLOW, 'def follow(self, way): __import__("time").sleep(.06); return way', "ms, must come"),
     "too few joints": (STATE, TOLD.format("positions_rad=s.positions_rad[:5]"), "tells 5 joints, the robot has 6"),
     "no numbers": (STATE, TOLD.format("positions_rad=(float('nan'),) * 6"), "tells no number of each joint: (nan, nan"),
+    "tells nothing": (STATE, "def state(self): pass", "state gives None, must give an ArmState"),
+    "follows nothing": (FOLLOW, "def follow(self, _): pass", "follow gives None, must give the path"),
     "raises": (STATE, "def state(self): raise KeyError('boom')", "raises KeyError 'boom' at "),
     "leaves": (FOLLOW, "def follow(self, _): raise SystemExit(3)", "raises SystemExit 3 at "),
     "does not open": ("self._arm = simulated", "raise ZeroDivisionError", "ZeroDivisionError"),

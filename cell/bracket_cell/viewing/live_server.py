@@ -6,6 +6,7 @@ stands before it, so that a web page that happens to be open on this machine can
 
 from __future__ import annotations
 
+import logging
 from queue import Empty, SimpleQueue
 
 import foxglove
@@ -19,6 +20,8 @@ from bracket_ground.errors import InputError
 DEFAULT_PORT = 8765  # where viewers look first
 ORIGINS = ("https://app.foxglove.dev",)  # the viewer that is a web site
 BACKLOG = 256  # messages that wait for one viewer; the oldest are dropped
+
+logging.getLogger("foxglove.websocket").setLevel(logging.CRITICAL)  # of every caller that is no viewer a line
 
 
 class LiveServer(Observer):

@@ -165,3 +165,16 @@ def test_callers_that_say_nothing_or_too_much_are_hung_up_on(live: LiveServer, m
         assert {one.recv(1) for one in idle} == {b""}
     assert status(live.port, "GET / HTTP/1.1\r\nX: " + "x" * 10 * gate.HEAD_BYTES) == b""
     assert status(live.port, UPGRADE.format(host=f"localhost:{live.port}", origin="")) == b"101"
+
+
+def test_a_caller_that_is_no_viewer_is_not_told_to_the_operator(
+    live: LiveServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    port = live.port
+    for _ in range(5):
+        with socket.create_connection(("127.0.0.1", port), 5.0) as caller:
+            caller.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % port)
+            caller.settimeout(5.0)
+            while caller.recv(4096):
+                pass
+    assert [record.getMessage() for record in caplog.records] == []

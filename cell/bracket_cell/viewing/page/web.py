@@ -71,6 +71,7 @@ class WebServer:
             app,
             log_level="critical",
             lifespan="off",
+            ws="none",
             access_log=False,
             timeout_graceful_shutdown=1,
             timeout_keep_alive=math.ceil(door.GREETING_S),  # the next request of a connection is a greeting, too

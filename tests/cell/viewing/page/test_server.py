@@ -26,6 +26,7 @@ from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.pose import Pose
 from tests.cell.viewing.page.rig import HELP, MODEL, PageRig, certified
 
+KEY = "dGhlIHNhbXBsZSBub25jZQ=="  # that of RFC 6455
 PAUSE = {"kind": "pause", "value": "now"}
 
 
@@ -99,6 +100,13 @@ def test_looking_needs_this_machine_by_name(rig: PageRig) -> None:
     assert rig.request("GET", "/")[0] == 200
     assert rig.request("GET", "/", headers={"Host": "cell.example"})[0] == 403
     assert rig.request("GET", "/events", headers={"Origin": "http://cell.example"})[0] == 403
+
+
+def test_a_web_socket_is_answered_as_any_request(rig: PageRig) -> None:
+    upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": KEY}
+    assert rig.request("GET", "/", headers=upgrade)[0] == 200
+    assert rig.request("GET", "/nothing", headers=upgrade)[0] == 404
+    assert rig.request("GET", "/", headers={**upgrade, "Host": "cell.example"})[0] == 403
 
 
 def test_the_page_may_load_nothing_from_elsewhere_nor_be_framed(rig: PageRig) -> None:

@@ -214,7 +214,7 @@ def diff(
         from bracket_cell.log.report.diff_page import write_diff
 
         write_diff(*logs, found, names, html, why)
-    keys = [str(change) for change in changed]
+    keys = list(dict.fromkeys(map(str, changed)))
     return tell_comparison(found, unfinished, as_json, names, changed=keys, causes=why)
 
 

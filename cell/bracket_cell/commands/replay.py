@@ -92,7 +92,7 @@ def replay(
 
     comparison = again.run(from_s, until_s, watch)
     _remark(recorded, again.remarks[shown:])
-    keys, why = [str(change) for change in changed], causes(comparison, changed)
+    keys, why = list(dict.fromkeys(map(str, changed))), causes(comparison, changed)
     if html is not None:
         write_replay(recorded, comparison, (again.remarks, keys, why), found, html)
     if not as_json:

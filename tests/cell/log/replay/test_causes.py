@@ -197,3 +197,13 @@ def test_the_command_says_the_cause(tmp_path: Path, capsys: pytest.CaptureFixtur
     why = told[told.index("why:\n") :]
     assert "WaitForHandClear" in why
     assert "distance_m 0.25 -> 0.45" in why
+
+
+def test_a_change_in_a_tree_that_is_called_often_is_told_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changes = tree(('distance_m="0.25"', 'distance_m="0.45"'), ('distance_m="0.15"', 'distance_m="0.30"'))(tmp_path)
+    main(["replay", str(KEPT / "helps.mcap"), "--tree", str(changes.tree), "--with", str(NODE)])
+    told = capsys.readouterr().out
+    changed = told[told.index("changed:\n") : told.index("why:\n")].splitlines()
+    assert len(changed) == len(set(changed)) > 1

@@ -71,6 +71,11 @@ def test_a_person_may_have_parts_of_some_types_alone() -> None:
     assert len(theirs) == 1
 
 
+@pytest.mark.long
+def test_an_order_that_the_person_contradicts_is_asked_about_where_nobody_is_known_to_be_at_the_panel() -> None:
+    assert seen(SITUATIONS["order_changes"], 7)[0] == "right"
+
+
 @pytest.mark.slow
 def test_a_bracket_that_somebody_else_began_is_taken_over() -> None:
     assert seen(SITUATIONS["begun_by_others"], 993101) == ("right", [])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import cycle
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import cv2
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bracket_cell.learned.classical.bench_evidence import Landmarks
+from bracket_cell.learned.classical.bench_evidence import TILE, Landmarks, SceneConsistency
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.learned.classical.image_health import Freshness, ImageHealth
 from bracket_cell.learned.classical.track_health import TrackHealth, motion_of
@@ -418,3 +420,33 @@ def test_one_image_that_looks_like_an_old_one_is_chance_and_two_are_old_images()
     for number in [*range(30), 13, 14]:
         again.judge(frames[number])
     assert again.repeats == "an image of 17 frames ago came again"
+
+
+@pytest.mark.parametrize(
+    ("faint", "steady", "unseen"),
+    [
+        ([False] * 5 + [True], [True], ""),  # a tray as dark as the table
+        ([False], [True], "the bench is not seen"),
+        ([False] * 5 + [True], [False] * 5 + [True], "the bench is not seen"),  # a camera that swings
+    ],
+)
+def test_an_edge_that_comes_and_goes_by_itself_is_faint_and_no_camera_that_was_moved(
+    frames: list[Frame], faint: list[bool], steady: list[bool], unseen: str
+) -> None:
+    scene, image = SceneConsistency(BENCH, PRODUCT), frames[0].image
+    small: Any = cv2.resize(image, None, fx=1 / TILE, fy=1 / TILE, interpolation=cv2.INTER_AREA)
+    grey: Any = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    first, second, *rest = scene._always
+    ways = iter([True] * 5), cycle(steady), cycle(faint)
+
+    def seen(*_: object) -> dict[int, bool]:
+        if next(ways[0], False):
+            return dict.fromkeys(scene._missing, True) | dict.fromkeys(scene._always, True)
+        return {first: next(ways[1]), second: next(ways[2])} | dict.fromkeys(rest, True)
+
+    vars(scene)["_landmarks"] = SimpleNamespace(seen=seen)
+    said = []
+    for number in range(600):
+        scene.see(replace(frames[0], sequence=number, time_s=number / 15), small, grey, ())
+        said.append(scene.unseen)
+    assert set(said) - {""} == ({unseen} if unseen else set())

@@ -236,6 +236,7 @@ class SceneConsistency:
         groups, counts = np.unique(self._landmarks.groups, return_counts=True)
         self._always = groups[counts >= SCENE.long].tolist()
         self._missing = set(groups.tolist())  # that were never seen
+        self._lost, self._faint = set[int](), set[int]()  # not where they were; came back, so that light may hide them
         self.unseen = self.unexplained = ""
 
     def see(self, frame: Frame, small: Mask, grey: Mask, hands: Sequence[HandSample]) -> None:
@@ -286,13 +287,16 @@ class SceneConsistency:
         """How many groups of landmarks are not where the calibration has them; at first, bins without contrast, too."""
         seen = self._landmarks.seen(grey, hidden)
         first, self._missing = bool(self._missing), self._missing - {group for group, clear in seen.items() if clear}
-        astray = sum(not seen.get(group, True) for group in self._always)
+        lost = {group for group in self._always if not seen.get(group, True)}
+        if len(self._lost) == 1:
+            self._faint |= {group for group in self._lost if seen.get(group, False)}
+        self._lost = lost
         if first and not self._missing:
             coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
             bins = [coarse[window] for window in self._bins if coarse[window].size]
             if any(float(bin_.std(axis=(0, 1)).max()) <= SCENE.least_contrast for bin_ in bins):
                 self._missing = set(seen)
-        return astray
+        return 0 if len(lost) == 1 and lost <= self._faint else len(lost)
 
     def _compare(self, small: Mask, hidden: NDArray[np.bool_]) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""

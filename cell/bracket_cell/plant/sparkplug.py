@@ -95,7 +95,8 @@ class SparkplugNode(Observer):
                 password = None if settings.password_file is None else settings.password_file.read_text().strip()
                 self._client.username_pw_set(settings.user, password)
         except (OSError, ValueError) as error:
-            raise InputError(f"plant.mqtt: certificates or password_file: {words_of(error)}") from None
+            file = getattr(error, "filename", None) or "certificates or password_file"
+            raise InputError(f"plant.mqtt: {file}: {words_of(error)}") from None
 
     def _connected(self, _: Any, __: Any, ___: Any, code: int) -> None:
         if code:

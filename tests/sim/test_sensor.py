@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bracket_cell.learned.classical.grain import Grain
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
@@ -50,6 +51,15 @@ def test_jpeg_leaves_the_mean_and_loses_detail(bench: Bench, picture: Image) -> 
     assert errors[0] > errors[1] > 1
     kept = spoiled(bench, picture, jpeg=True, jpeg_quality=80).astype(float)
     np.testing.assert_allclose(kept.mean(axis=(0, 1)), picture.mean(axis=(0, 1)), atol=1)
+
+
+def test_noise_never_comes_again_even_after_jpeg(bench: Bench, picture: Image) -> None:
+    sensor = Sensor(bench.overhead, Camera(jpeg=True, jpeg_quality=95), np.random.default_rng(2))
+    grain, again = Grain(), 0
+    for _ in range(520):
+        grain.see(np.ascontiguousarray(sensor.spoil(picture)[::4, ::4]))
+        again += grain.ago > 0
+    assert again == 0
 
 
 @pytest.mark.parametrize("k1", [-0.3, -0.06, 0.02])

@@ -165,3 +165,17 @@ def test_an_arm_is_streamed_to_while_its_detectors_get_ready(
         monkeypatch.setattr(machine, "sleep", sleep)
         stream._Stream(arm, Channel(theirs, stream.ToStream), 0.002, 1.0).run()
     assert set(listened) == ({""} if streams else set())
+
+
+def test_a_process_that_hangs_is_noticed_by_a_loop_that_is_slow() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        heard = streaming.Stream(cast(Child, SimpleNamespace(name="stream")), Channel(ours, stream.FromStream))
+        Channel[Any](theirs, stream.ToStream).send(stream.Sent(heard.heard_s, None, False, 0), 1.0)
+        heard.hear(1.0)
+        assert not heard.lost
+        for _ in range(3):
+            heard.listened_s -= 0.2
+            heard.heard_s -= 0.2
+            heard.hear(1.0)
+    assert "sent no set point" in heard.lost

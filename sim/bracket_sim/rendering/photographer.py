@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -92,6 +93,8 @@ class Stereo:
 EPS = 1e-9
 WHITE = 255
 BANK_FRAMES = 2  # length of the noise bank, in images
+RECENT_FRAMES = 128  # whose noise does not come again: a sensor's never does
+ALIKE_PX, ALIKE_ROWS = 4, 2  # by which noise is moved at most where JPEG makes it like what it was
 STILL = 1e-4  # by which a place [m] or a direction may change while the shutter is open, so that nothing is blurred
 
 Image = NDArray[np.uint8]
@@ -113,6 +116,7 @@ class Sensor:
         bank = np.rint(rng.standard_normal(BANK_FRAMES * size, dtype=np.float32) * look.noise_levels)
         # Apart by sign, as bytes: what saturates is added four times as fast as wider numbers are.
         self._brighter, self._darker = (np.clip(noise, 0, WHITE).astype(np.uint8) for noise in (bank, -bank))
+        self._starts: deque[int] = deque(maxlen=RECENT_FRAMES)
 
     def spoil(self, clean: Image) -> Image:
         """The frame of a clean image (height, width, 3), RGB."""
@@ -139,9 +143,21 @@ class Sensor:
 
     def _grain(self, image: Image) -> tuple[Image, Image]:
         """How much brighter and how much darker each pixel is than it should be; one of them is 0."""
-        start = int(self._rng.integers(self._brighter.size - image.size + 1))
+        start = self._start(self._brighter.size - image.size + 1)
         end = start + image.size
         return self._brighter[start:end].reshape(image.shape), self._darker[start:end].reshape(image.shape)
+
+    def _start(self, most: int) -> int:
+        """Where noise is cut from the bank: away from where the last frames had theirs, if there is room."""
+        start, row = int(self._rng.integers(most)), 3 * self.width_px
+        for _ in range(RECENT_FRAMES):
+            off = np.abs(start - np.array(self._starts, int))
+            beside = np.minimum(off % row, -off % row) <= 3 * ALIKE_PX
+            if not (beside & (off <= (ALIKE_ROWS + 1) * row)).any():
+                break
+            start = (start + row // 2) % most
+        self._starts.append(start)
+        return start
 
 
 def _compressed(image: Image, quality: int) -> Image:

@@ -428,6 +428,7 @@ def test_one_image_that_looks_like_an_old_one_is_chance_and_two_are_old_images()
         ([False] * 5 + [True], [True], ""),  # a tray as dark as the table
         ([False], [True], "the bench is not seen"),
         ([False] * 5 + [True], [False] * 5 + [True], "the bench is not seen"),  # a camera that swings
+        ([False] * 5 + [True] + [False] * 90, [True], "the bench is not seen"),  # faint, then moved
     ],
 )
 def test_an_edge_that_comes_and_goes_by_itself_is_faint_and_no_camera_that_was_moved(

@@ -34,6 +34,8 @@ class SceneLimits:
         look_every_s: [s] between examinations.
         compare_every_s: [s] between comparisons.
         lasts_s: [s] for which something must be wrong.
+        flickers: [looks] in a row that a group alone may be lost which came back once. Origin: a dark tray on a dark
+            table came back within 15 in two brackets.
         stretch: [points] of an edge that are one landmark.
         reach_px: [px] by which landmarks may be off.
         step_px: [px] steps in which they are searched.
@@ -69,6 +71,7 @@ class SceneLimits:
     look_every_s: float = 0.3
     compare_every_s: float = 0.1
     lasts_s: float = 1.0
+    flickers: int = 30
     stretch: int = 8
     reach_px: int = 6
     step_px: int = 2
@@ -237,6 +240,7 @@ class SceneConsistency:
         self._always = groups[counts >= SCENE.long].tolist()
         self._missing = set(groups.tolist())  # that were never seen
         self._lost, self._faint = set[int](), set[int]()  # not where they were; came back, so that light may hide them
+        self._alone = 0  # looks in a row in which the same group alone was lost
         self.unseen = self.unexplained = ""
 
     def see(self, frame: Frame, small: Mask, grey: Mask, hands: Sequence[HandSample]) -> None:
@@ -290,13 +294,15 @@ class SceneConsistency:
         lost = {group for group in self._always if not seen.get(group, True)}
         if len(self._lost) == 1:
             self._faint |= {group for group in self._lost if seen.get(group, False)}
+        self._alone = self._alone + 1 if len(lost) == 1 and lost == self._lost else 0
         self._lost = lost
         if first and not self._missing:
             coarse = cv2.resize(small, None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA)
             bins = [coarse[window] for window in self._bins if coarse[window].size]
             if any(float(bin_.std(axis=(0, 1)).max()) <= SCENE.least_contrast for bin_ in bins):
                 self._missing = set(seen)
-        return 0 if len(lost) == 1 and lost <= self._faint else len(lost)
+        flickers = len(lost) == 1 and lost <= self._faint and self._alone < SCENE.flickers
+        return 0 if flickers else len(lost)
 
     def _compare(self, small: Mask, hidden: NDArray[np.bool_]) -> str:
         """What of an image differs from the reference, in words: most of it, or a piece that nothing explains."""

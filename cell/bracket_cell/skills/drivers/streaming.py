@@ -59,7 +59,7 @@ class Stream:
         paths: how many were begun.
         lost: why it streams no more; empty while it does.
         heard_s: time of the machine of the newest set point.
-        listened_s: time of the machine when it was last heard; silence counts from there where that was long ago.
+        listened_s: time of the machine when it was listened to last; what came after a long time says that it lives.
         begun: one was told.
         made_s: time of the machine when it began.
         took: the controller took set points once.
@@ -80,9 +80,10 @@ class Stream:
         """Take what it told; notice when it is silent, stopped or gone."""
         if self.lost:
             return
-        before_s, self.listened_s = self.listened_s, time.monotonic()
+        before_s, self.listened_s, came = self.listened_s, time.monotonic(), False
         try:
             while (message := self.channel.taken()) is not None:
+                came = True
                 if isinstance(message, said.Lost):
                     self.lost = message.reason
                     return
@@ -93,7 +94,7 @@ class Stream:
         except EOFError:
             self.lost = f"the {self.child.name} died"
             return
-        if self.listened_s - before_s > SILENT_S * slower:
+        if came and self.listened_s - before_s > SILENT_S * slower:  # what it told last had no room
             self.heard_s = self.listened_s
         silent_s = (self.listened_s - self.heard_s) / slower
         if silent_s > (SILENT_S if self.begun else 3 * SILENT_S):

@@ -16,6 +16,7 @@ from bracket_ground.errors import InputError
 from bracket_sim.cell import SimCell
 from bracket_sim.devices.pacing import Pacer
 from bracket_sim.twin.arm import TwinArm
+from bracket_sim.twin.turn_lock import TurnLock
 
 # What serves the wire of a device, by the kind that the configuration names: MODULE:FUNCTION of (TwinCell, role).
 WIRES: Mapping[str, str] = {
@@ -86,7 +87,7 @@ class TwinCell:
         slower: float = 1.0,
         own: Mapping[str, Callable[[TwinCell, str], Wire]] = MappingProxyType({}),
     ) -> None:
-        self.lock = threading.RLock()
+        self.lock = TurnLock()
         self._own = own
         self.sim, self.arm, self.settings, self.robot, self.slower = sim, arm, settings, robot, slower
         self.period_s = period_s

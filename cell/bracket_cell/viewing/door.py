@@ -74,11 +74,13 @@ class Door:
 
     async def _accept(self) -> None:
         while True:
-            try:
-                connection, _ = await asyncio.get_running_loop().sock_accept(self._listening)
+            await _somebody(self._listening)
+            try:  # at once: `sock_accept` loses whom it accepted where it is cancelled then
+                connection, _ = self._listening.accept()
             except OSError:  # no handle is left, or the caller hung up before
                 await asyncio.sleep(NO_HANDLE_S)
             else:
+                connection.setblocking(False)
                 await self._let_in(connection)
 
     async def _let_in(self, connection: socket.socket) -> None:
@@ -87,7 +89,11 @@ class Door:
         if strangers and (scarce or len(strangers) >= self._places_n - self._places_n // 2):
             leaving = self._callers[strangers[0]]
             leaving.cancel()
-            await asyncio.wait([leaving])
+            try:
+                await asyncio.wait([leaving])
+            except asyncio.CancelledError:
+                connection.close()
+                raise
         elif scarce:
             connection.close()
             return
@@ -99,6 +105,16 @@ class Door:
     def _left(self, caller: Caller) -> None:
         del self._callers[caller]
         caller.left()
+
+
+async def _somebody(listening: socket.socket) -> None:
+    """Wait until somebody wants to come in."""
+    loop, came = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(listening, came.set)
+    try:
+        await came.wait()
+    finally:
+        loop.remove_reader(listening)
 
 
 async def handed_over(caller: Caller, protocol: asyncio.Protocol, over: asyncio.Event, tls: Any = None) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import resource
 import socket
+import warnings
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -131,6 +133,19 @@ def test_its_end_hangs_up_on_everybody(crowd: ExitStack) -> None:
 
     behind_a_door(test)
     assert not any(map(stays, held))
+
+
+@pytest.mark.parametrize("steps", range(6))
+def test_who_comes_as_the_door_closes_is_hung_up_on(crowd: ExitStack, steps: int) -> None:
+    async def comes(_: Door, port: int) -> None:
+        crowd.enter_context(socket.create_connection(("127.0.0.1", port)))
+        for _step in range(steps):  # of the loop: it is accepted in one of them, and served in a later one
+            await asyncio.sleep(0)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        behind_a_door(comes)
+        gc.collect()
 
 
 def _handles() -> int:

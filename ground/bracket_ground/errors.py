@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from pydantic import ValidationError
 
 
 class CellError(Exception):
@@ -26,6 +29,26 @@ def words_of(error: BaseException) -> str:
     """What the operating system says of an error, or of the one that a library wrapped, without number and path."""
     behind = error.__cause__ if isinstance(error.__cause__, OSError) else error
     return str(getattr(behind, "strerror", None) or behind)
+
+
+def mistakes(error: BaseException) -> list[str]:
+    """What is wrong in data that somebody wrote, by what they raise; of a model's refusal each, with its key."""
+    match error:
+        case ValidationError():
+            each = error.errors(include_url=False, include_input=False)
+            told = [(".".join(map(str, one["loc"])), one["msg"].removeprefix("Value error, ")) for one in each]
+            return [f"{key}: {what}" if key else what for key, what in told]
+        case json.JSONDecodeError():
+            return [f"is no JSON: {error.msg} (character {error.pos})"]
+        case UnicodeDecodeError():
+            return [f"is not UTF-8 text (byte {error.start})"]
+        case KeyError():
+            return [f"has no {' '.join(map(str, error.args)):.99}"]
+        case IndexError() | StopIteration():
+            return ["has too few values"]
+        case TypeError() | AttributeError() | RecursionError():
+            return ["has a value of another kind than it should"]
+    return [str(error)]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from bracket_cell.commands.options import MONITOR_PORT
 from bracket_cell.viewing.debugger import Body, Debugger
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, mistakes
 
 POLL_S = 0.2  # between two looks at the run: breakpoints rest after 5 s without one
 END_S = 10.0  # a run stops the arm before it ends
@@ -92,8 +92,7 @@ class Adapter:
         try:
             fields["body"] = self._does(command)(asked)
         except (InputError, KeyError, TypeError, IndexError) as error:
-            words = str(error) if isinstance(error, InputError) else f"{type(error).__name__} {error}"
-            fields |= {"success": False, "message": f"{command}: {words}"}
+            fields |= {"success": False, "message": f"{command}: {mistakes(error)[0]}"}
         self._write(fields)
         if command in ("launch", "attach") and fields["success"]:
             self._event("initialized", {})

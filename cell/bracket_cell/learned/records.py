@@ -10,9 +10,9 @@ from typing import Any, Literal, TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, StrictBool, ValidationError
+from pydantic import ConfigDict, Field, StrictBool
 
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.errors import InputError, Place, Problem, mistakes
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.perception import SEGMENT_FRAMES, ActionKind
@@ -178,17 +178,6 @@ def read_rows(
     if problems:
         raise InputError(*problems[:MOST_PROBLEMS])
     return found
-
-
-def mistakes(error: Exception) -> list[str]:
-    """What a row's model, or whoever read it, says is wrong, each with the key where it stands."""
-    if not isinstance(error, ValidationError):
-        return [str(error)]
-    each = []
-    for details in error.errors(include_url=False):
-        where = ".".join(str(step) for step in details["loc"])
-        each.append(f"{where}: {details['msg']}" if where else details["msg"])
-    return each
 
 
 def one_of(name: str, value: str, legal: tuple[str, ...]) -> None:

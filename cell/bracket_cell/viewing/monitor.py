@@ -26,7 +26,7 @@ from bracket_cell.viewing.gate import Gate, begins, listen
 from bracket_cell.viewing.stepping import WAITS
 from bracket_cell.watching.observer import Observer, Outcome, TickRecord
 from bracket_cell.watching.why_now import WhyNow
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, mistakes
 from btxml.engine.hooks import ORDERS, Hooks
 from btxml.engine.literals import shown
 from btxml.engine.node import TreeNode
@@ -220,7 +220,7 @@ class Monitor(Observer):
         try:
             self._order(kind, json.loads(body) if body else {})
         except (ValidationError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-            raise RefusedError(f"{type(error).__name__}: {error}") from None
+            raise RefusedError(mistakes(error)[0]) from None
         return None
 
     def _blackboard(self, names: bytes) -> bytes:

@@ -20,6 +20,7 @@ from bracket_cell.trees.nodes.services import Services
 from bracket_cell.wiring.records import records, stored_by
 from bracket_cell.wiring.state_reader import StateError, StateReader
 from bracket_cell.wiring.state_writer import StateWriter, is_own
+from bracket_ground.errors import mistakes
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.grip import Hold
 from bracket_ground.interfaces.perception import PartsView
@@ -85,7 +86,7 @@ def go_on_from(state: Mapping[str, Any], tree: Tree, services: Services, supervi
         for written, record in zip(state["supervisor"], supervisor.keeps, strict=True):
             read.fill(written, record)
     except (KeyError, ValueError, TypeError, AttributeError, IndexError, StopIteration, RecursionError) as error:
-        raise StateError(f"the state of the run does not fit this program: {type(error).__name__}: {error}") from None
+        raise StateError(f"the state of the run does not fit this program: {mistakes(error)[0]}") from None
     return fresh
 
 

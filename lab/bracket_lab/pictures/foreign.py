@@ -11,8 +11,8 @@ from xml.parsers import expat
 
 from pydantic import ConfigDict, Field, ValidationError
 
-from bracket_cell.learned.records import MOST_PROBLEMS, Box, mistakes
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_cell.learned.records import MOST_PROBLEMS, Box
+from bracket_ground.errors import InputError, Place, Problem, mistakes
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import read_data

@@ -9,8 +9,8 @@ import numpy as np
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
-from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow, mistakes
-from bracket_ground.errors import InputError
+from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow
+from bracket_ground.errors import InputError, mistakes
 from bracket_ground.interfaces.product import Product
 from bracket_lab.pictures.foreign import SHARES, ForeignBox, read_foreign
 from bracket_lab.pictures.labels import COVERED, EMPTY, HAND, HOLE, LabelFolder, PictureLabels, Size, categories, fit_of

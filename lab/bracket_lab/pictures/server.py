@@ -20,8 +20,8 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from bracket_cell.learned.records import UNKNOWN, mistakes
-from bracket_ground.errors import InputError
+from bracket_cell.learned.records import UNKNOWN
+from bracket_ground.errors import InputError, mistakes
 from bracket_lab.pictures.labels import LabelFolder, PictureLabels
 from bracket_lab.pictures.suggestions import Suggester
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from itertools import count
 from pathlib import Path
@@ -13,13 +14,14 @@ from hypothesis import HealthCheck, Phase, given, settings
 from mcap.records import Attachment
 
 from bracket_cell.commands.main import main
-from bracket_cell.log.replay.logged_tree import CONFIGURATION
+from bracket_cell.log.replay.logged_tree import CONFIGURATION, PRODUCT
 from tests.cell.log.hostile import EDITS
 from tests.cell.log.hostile_files import NAMES, Contents, beginning, lying, write
 
 CASE = Path(__file__).parents[2] / "cases" / "assembly-g0-seed5.mcap"
 TICKS = 21
 MANY = int(os.environ.get("HOSTILE_LOGS", "1500"))
+OF_A_LIBRARY = re.compile(r"\b\w+Error\b|pydantic|input_value|/tmp/cell-")
 WAYS = ("data", "name", "cut", "evil", "gone")
 LOG, FOLDER, SOUND = "LOG", "FOLDER", "SOUND"
 COMMANDS = (
@@ -123,6 +125,24 @@ def test_a_file_of_the_log_is_told_by_the_logs_name(
     write(folder.log, Contents(changed, folder.sound.metadata, folder.sound.messages))
     assert folder.call(("replay", LOG)) == 2
     assert capsys.readouterr().err.strip().splitlines()[-1].startswith(f"cell: {folder.log}: {CONFIGURATION}:")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [CONFIGURATION, PRODUCT, "faults.yaml", "tree/assemble.xml"])
+@pytest.mark.parametrize("text", [b"[" * 50_000, b"- 1\n", b"", b"\xff", b"{a: {b: [1, x]}}"])
+def test_a_file_of_the_log_is_told_in_words(
+    folder: Folder, name: str, text: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed = [
+        Attachment(one.create_time, one.log_time, one.name, one.media_type, text) if one.name == name else one
+        for one in folder.sound.attachments
+    ]
+    assert changed != folder.sound.attachments
+    for command in COMMANDS:
+        write(folder.log, Contents(changed, folder.sound.metadata, folder.sound.messages))
+        assert folder.call(command) in (0, 1, 2, 3)
+        told = capsys.readouterr().err
+        assert not OF_A_LIBRARY.search(told), (command, told)
 
 
 @pytest.mark.long

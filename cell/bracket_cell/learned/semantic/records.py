@@ -29,8 +29,8 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
-from bracket_cell.learned.records import mistakes, read_rows
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_cell.learned.records import read_rows
+from bracket_ground.errors import InputError, Place, Problem, mistakes
 from bracket_ground.files.files import write_whole
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.product import Product

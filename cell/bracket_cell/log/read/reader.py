@@ -16,7 +16,7 @@ from bracket_cell.log.read.ticks import Note as Note
 from bracket_cell.log.read.walk import PROFILE
 from bracket_cell.recording import identity as digest
 from bracket_cell.recording.parts import part_number, parts_of, whole_path
-from bracket_ground.errors import LogError
+from bracket_ground.errors import LogError, mistakes
 
 T = TypeVar("T")
 MOST_DIGITS = 18  # of a count
@@ -205,8 +205,8 @@ def json_of(path: Path, values: Mapping[str, str], name: str, make: Callable[[An
         found = orjson.loads(values.get(name, "null"))
         return None if found is None else make(found)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"{type(error).__name__}: {error}"
-        raise LogError(path, f"{name} in its metadata does not hold what it should: {what}") from None
+        what = f"{name} in its metadata does not hold what it should"
+        raise LogError(path, f"{what}: {mistakes(error)[0]}") from None
 
 
 def files_of(path: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from bracket_cell.log.read.mcap_file import Message
 from bracket_cell.recording.json_schema import with_nulls
-from bracket_ground.errors import LogError
+from bracket_ground.errors import LogError, mistakes
 from bracket_ground.interfaces.observation import NOBODY, ArmState, GripperState, ObjectStatus, Observation, Trouble
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import BenchView, PartsView
@@ -162,7 +162,7 @@ class TickBuilder:
                 self._add(topic, _fields(message.data))
         except (ValueError, LookupError, TypeError, AttributeError, ValidationError) as error:
             what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
-            raise LogError(self._path, f"{what}: {type(error).__name__}: {error}") from None
+            raise LogError(self._path, f"{what}: {mistakes(error)[0]}") from None
 
     def begin(self, first: int | None) -> None:
         """Before the first message: the number of the first tick; None where it may be any."""

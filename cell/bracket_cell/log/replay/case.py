@@ -14,7 +14,7 @@ from bracket_cell.learned.inference.onnx_model import sealed, without_digest
 from bracket_cell.log.read.reader import Log, LoggedTick, read_log
 from bracket_cell.log.replay.compare import Difference
 from bracket_cell.log.replay.loading import Changes, recorded_weights
-from bracket_cell.log.replay.logged_tree import write_files
+from bracket_cell.log.replay.logged_tree import unpacked
 from bracket_cell.log.replay.replay import Replay
 from bracket_cell.recording.copying import CopyingWriter
 from bracket_ground.errors import InputError, LogError
@@ -82,12 +82,11 @@ def check_case(path: Path) -> list[Difference]:
 
 def _weights(log: Log) -> dict[str, bytes]:
     """Content of the ONNX files that the run used, by planner."""
-    with tempfile.TemporaryDirectory(prefix="cell-case-") as folder:
-        for name in ("configuration.yaml", "product.yaml"):
-            if name not in log.attachments:
-                raise LogError(log.path, f"has no attachment {name}")
-        write_files(log, log.attachments, Path(folder))
-        planners = load_configuration(Path(folder) / "configuration.yaml").planners
+    for name in ("configuration.yaml", "product.yaml"):
+        if name not in log.attachments:
+            raise LogError(log.path, f"has no attachment {name}")
+    with unpacked(log, log.attachments) as folder:
+        planners = load_configuration(folder / "configuration.yaml").planners
     files = {name: recorded_weights(log, name, planner) for name, planner in planners}
     return {name: file.read_bytes() for name, file in files.items() if file is not None}
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,12 +10,12 @@ from bracket_cell.configuration import Configuration, load_configuration, load_f
 from bracket_cell.kinds import DETECTORS, PLANNERS, KindSettings, files_of
 from bracket_cell.learned.inference.onnx_model import digest_of
 from bracket_cell.log.read.reader import Log, json_of
-from bracket_cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, write_files
+from bracket_cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, unpacked
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.services import Planners, load_planners
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, mistakes
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
@@ -56,9 +54,10 @@ def load(
         LogError: the log lacks some of it, was recorded with other weights, or with nodes that are not here.
         InputError, ModelError: a changed file cannot be used.
     """
+    _is_whole(log)
     try:
-        with tempfile.TemporaryDirectory(prefix="cell-replay-") as name, _files_of(log, name):
-            return _load(log, changes, edited, Path(name))
+        with unpacked(log, {**log.attachments, **{file: text.encode() for file, text in edited.items()}}) as folder:
+            return _load(log, changes, folder)
     except InputError as error:
         if not (missing := nodes_missing(log, changes.nodes)):
             raise
@@ -66,22 +65,7 @@ def load(
         raise LogError(log.path, f"was recorded with nodes of the user's own; {way}\n{error}") from None
 
 
-@contextmanager
-def _files_of(log: Log, folder: str) -> Iterator[None]:
-    """Problems in files of a log are told by its name, not by that of the folder where they were for a moment."""
-    try:
-        yield
-    except InputError as error:
-        if folder not in str(error):
-            raise
-        raise InputError(str(error).replace(f"{folder}/", f"{log.path}: ")) from None
-
-
-def _load(
-    log: Log, changes: Changes, edited: Mapping[str, str], folder: Path
-) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
-    _unpack(log, folder)
-    write_files(log, {file: text.encode() for file, text in edited.items()}, folder)
+def _load(log: Log, changes: Changes, folder: Path) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
     if changes.configuration is None:
         configuration = load_configuration(folder / "configuration.yaml")
         product = load_yaml(folder / "product.yaml", Product)
@@ -100,9 +84,7 @@ def _load(
     try:
         faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
     except WRONG as error:
-        raise LogError(
-            log.path, f"has a table of faults that cannot be read: {type(error).__name__}: {error}"
-        ) from None
+        raise LogError(log.path, f"has a table of faults that cannot be read: {mistakes(error)[0]}") from None
     configuration, _ = with_detectors_for(configuration, product)  # as the run had it
     configuration = _with_weights(log, configuration, changes)
     return configuration, product, load_planners(configuration, product), tree, faults
@@ -127,13 +109,12 @@ def recorded_tree(log: Log, folder: Path, registry: Registry) -> Tree:
     return load_tree(files / log.metadata["tree"], registry, None, entries, (files,))
 
 
-def _unpack(log: Log, folder: Path) -> None:
+def _is_whole(log: Log) -> None:
     if "tree" not in log.metadata:
         raise LogError(log.path, "does not name the tree that ran")
     for needed in ("configuration.yaml", "product.yaml", f"tree/{log.metadata['tree']}"):
         if needed not in log.attachments:
             raise LogError(log.path, f"has no attachment {needed}; it has: {', '.join(log.attachments) or 'none'}")
-    write_files(log, log.attachments, folder)
 
 
 def _with_weights(log: Log, configuration: Configuration, changes: Changes) -> Configuration:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +20,7 @@ from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.node_library import node_registry, own_code, python_files
 from bracket_cell.trees.rules import RULES, Rules
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, mistakes
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml, read_data
@@ -137,13 +138,12 @@ def logged_tree(log: Log | LogStream, more: Iterable[str] = ()) -> Tree:
     files = {name: text for name, text in log.attachments.items() if name.startswith(FOLDER)}
     if name not in files:
         raise LogError(log.path, f"holds no tree; it holds: {', '.join(log.attachments) or 'nothing'}")
-    with tempfile.TemporaryDirectory(prefix="cell-tree-") as folder:
-        write_files(log, files, Path(folder))
-        library = read_library(Path(folder) / name, (Path(folder) / FOLDER,))
-    registry = with_stubs(library, node_registry(more=more))
-    problems = find_problems(library, registry)  # what is wrong becomes a stub, too
-    if library.incomplete or library.main not in library.trees:
-        raise LogError(log.path, f"holds a tree that cannot be read: {problems[0] if problems else library.main}")
+    with unpacked(log, files) as folder:
+        library = read_library(folder / name, (folder / FOLDER,))
+        registry = with_stubs(library, node_registry(more=more))
+        problems = find_problems(library, registry)  # what is wrong becomes a stub, too
+        if library.incomplete or library.main not in library.trees:
+            raise InputError(*map(str, problems) if problems else (f"{folder / name}: holds no tree {library.main}",))
     return build(library, registry, library.main, {})[0]
 
 
@@ -178,6 +178,23 @@ def other_nodes(log: Log | LogStream, tree: Tree) -> Iterator[tuple[TreeNode, st
                 yield node, str(file)
 
 
+@contextmanager
+def unpacked(log: Log | LogStream, files: Mapping[str, bytes]) -> Iterator[Path]:
+    """A folder with attachments of a log, for a moment; problems in them are told by the log's name.
+
+    Raises:
+        LogError, InputError: see `write_files`; what is raised inside.
+    """
+    with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
+        write_files(log, files, Path(folder))
+        try:
+            yield Path(folder)
+        except InputError as error:
+            if folder not in str(error):
+                raise
+            raise InputError(str(error).replace(f"{folder}/", f"{log.path}: ")) from None
+
+
 def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) -> None:
     """Put attachments of a log into a folder, in folders of their own as their names say; see also `upgrade`.
 
@@ -198,9 +215,7 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
         try:
             upgrade(log, folder)
         except WRONG as error:
-            raise LogError(
-                log.path, f"has a configuration that cannot be read: {type(error).__name__}: {error}"
-            ) from None
+            raise LogError(log.path, f"has a configuration that cannot be read: {mistakes(error)[0]}") from None
 
 
 def logged_bench(log: Log) -> Bench:
@@ -247,10 +262,9 @@ def logged_rules(log: Log) -> Rules:
 def _read(log: Log, name: str, kind: type[AnyModel]) -> AnyModel:
     if name not in log.attachments:
         raise LogError(log.path, f"holds no {name}; it holds: {', '.join(log.attachments) or 'nothing'}")
-    with tempfile.TemporaryDirectory(prefix="cell-log-") as folder:
-        files = {name: content for name, content in log.attachments.items() if not name.startswith(FOLDER)}
-        write_files(log, files, Path(folder))
-        return load_yaml(Path(folder) / name, kind)
+    files = {name: content for name, content in log.attachments.items() if not name.startswith(FOLDER)}
+    with unpacked(log, files) as folder:
+        return load_yaml(folder / name, kind)
 
 
 def _digest(content: bytes) -> str:

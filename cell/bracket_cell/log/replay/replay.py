@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from bracket_cell.log.read.reader import Log, LoggedTick, json_of
@@ -21,7 +19,7 @@ from bracket_cell.log.replay.compare import (
     remembers,
 )
 from bracket_cell.log.replay.loading import Changes, load, recorded_tree
-from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, logged_tree, write_files
+from bracket_cell.log.replay.logged_tree import code_differs, logged_rules, logged_tree, unpacked
 from bracket_cell.log.replay.matching import caused_by, partners, renamed
 from bracket_cell.log.replay.perceive import perceived
 from bracket_cell.recording.identity import UNKNOWN, versions, what_changed
@@ -39,7 +37,7 @@ from bracket_cell.wiring.run_state import go_on_from
 from bracket_cell.wiring.safety import SAFETY, other_limits
 from bracket_cell.wiring.services import TickClock, make_services
 from bracket_cell.wiring.state_reader import StateError
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, mistakes
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.faults import Action, SafetyDecision
 from bracket_ground.interfaces.notes import ListJournal
@@ -235,7 +233,7 @@ class Replay:
         try:
             return self._supervisor.judge(tick.observation)
         except Exception as error:  # what a log says that is wrong may raise anything in checks of sound values
-            what = f"tick {tick.number} at {tick.time_s:.2f} s cannot be judged: {type(error).__name__}: {error}"
+            what = f"tick {tick.number} at {tick.time_s:.2f} s cannot be judged: {mistakes(error)[0]}"
             raise LogError(self.log.path, what) from None
 
     def _stopping_tick(self, judgement: SafetyDecision) -> Decisions:
@@ -259,14 +257,15 @@ class Replay:
             try:
                 ORDERS[fields["order"]](self._hooks, fields["body"])
             except (ValueError, KeyError, TypeError) as error:
-                raise LogError(self.log.path, f"an order of a monitor cannot be repeated: {error!r}") from None
+                raise LogError(
+                    self.log.path, f"an order of a monitor cannot be repeated: {mistakes(error)[0]}"
+                ) from None
 
     def _exchange(self, texts: Mapping[str, str]) -> None:
         """Let an edited tree take over as it did in the run."""
-        with tempfile.TemporaryDirectory(prefix="cell-replay-") as folder:
-            write_files(self.log, {name: text.encode() for name, text in texts.items()}, Path(folder))
-            own = node_registry(more=(*self.changes.nodes, *self._configured))
-            following = recorded_tree(self.log, Path(folder), own)
+        own = node_registry(more=(*self.changes.nodes, *self._configured))
+        with unpacked(self.log, {name: text.encode() for name, text in texts.items()}) as folder:
+            following = recorded_tree(self.log, folder, own)
         take_over(self.tree, following, self._services, self._clock)
         self.tree, self._hooks = following, Hooks(following, _nobody)
 

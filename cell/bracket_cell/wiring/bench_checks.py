@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from bracket_cell.learned.classical.box_model import View, obstacle_mask
 from bracket_cell.simulator import installed
 from bracket_cell.skills.motion.grasp_pose import hole_pose
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
-from bracket_cell.skills.pick_and_place import Pick
+from bracket_cell.skills.pick_and_place import Pick, can_place
 from bracket_cell.skills.put_down import PutDown, standing
 from bracket_cell.trees.nodes.arm import MoveStraight, MoveToPose
 from bracket_cell.trees.nodes.places import Pick as PickNode
@@ -20,6 +20,7 @@ from bracket_cell.trees.nodes.poses import FramedPose, fixed_frame, near_bracket
 from bracket_cell.trees.nodes.tray import PutDown as PutDownNode
 from bracket_ground.errors import Place, Problem, SettingError
 from bracket_ground.files.model import Location
+from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.places import BenchPlace
 from bracket_ground.interfaces.pose import FINGERS_DOWN, Pose
 from bracket_ground.interfaces.product import Product
@@ -33,31 +34,47 @@ Wrong = tuple[Location, str]  # where in the configuration, and what
 def bench_problems(configuration: Configuration, product: Product) -> tuple[list[Wrong], list[Wrong]]:
     """What a run would not begin with, and what is doubtful."""
     bench = configuration.bench
-    stuck = _stuck(MotionPlanner(product, bench, configuration.motion))
-    found = installed()
+    motion = MotionPlanner(product, bench, configuration.motion)
+    stuck, found = _stuck(motion), installed()
     doubtful = [] if found is None else found.overlapping(product, bench)
-    if bench.obstacles:
-        view = View(bench.overhead.model, bench.overhead.mount.pose)
-        covered = obstacle_mask(view, bench)
-        for name in product.bracket.holes_m:
-            column, row = np.rint(view.pixels(np.array([hole_pose(product, bench, name).position_m]))[0]).astype(int)
-            inside = 0 <= row < covered.shape[0] and 0 <= column < covered.shape[1]
-            if inside and covered[row, column]:
-                what = f"an obstacle stands between the overhead camera and {name}: nobody sees what is in that hole"
-                doubtful.append((("bench", "obstacles"), what))
+    doubtful += _unseen(bench, product)
+    if configuration.robot.gripper.nothing:
+        where: Location = ("robot",) if configuration.gripper is None else ("gripper",)
+        return stuck, [*doubtful, (where, "the arm has no gripper: the cell watches, and the person places every part")]
     unheld = _unheld(configuration, product)
-    nothing_held = len(unheld) == len(+product.most) and not configuration.robot.gripper.nothing
-    return [*stuck, *unheld * nothing_held], [*doubtful, *unheld * (not nothing_held)]
+    doubtful += _beyond(motion, product, product.parts.keys() - unheld.keys())
+    nothing_held = len(unheld) == len(+product.most)
+    told = list(unheld.values())
+    return [*stuck, *told * nothing_held], [*doubtful, *told * (not nothing_held)]
 
 
-def _unheld(configuration: Configuration, product: Product) -> list[Wrong]:
-    """Types of parts that the gripper cannot hold however they stand: the person places them."""
+def _unseen(bench: Bench, product: Product) -> Iterator[Wrong]:
+    """Holes outside of the overhead image, or behind an obstacle."""
+    view = View(bench.overhead.model, bench.overhead.mount.pose)
+    covered = obstacle_mask(view, bench)
+    for name in product.bracket.holes_m:
+        column, row = np.rint(view.pixels(np.array([hole_pose(product, bench, name).position_m]))[0]).astype(int)
+        if not (0 <= row < covered.shape[0] and 0 <= column < covered.shape[1]):
+            what = f"{name} is outside the image of the overhead camera: nobody sees what is in that hole"
+            yield ("bench", "overhead"), what
+        elif covered[row, column]:
+            what = f"an obstacle stands between the overhead camera and {name}: nobody sees what is in that hole"
+            yield ("bench", "obstacles"), what
+
+
+def _beyond(motion: MotionPlanner, product: Product, held: Set[str]) -> Iterator[Wrong]:
+    """Holes into which the arm can never put a part that it holds and that a goal takes there."""
+    for name in product.bracket.holes_m:
+        if never := [part for part in sorted(product.types_at(name) & held) if not can_place(motion, part, name)]:
+            yield ("robot",), f"the arm cannot put {', '.join(never)} into {name}: the person places it"
+
+
+def _unheld(configuration: Configuration, product: Product) -> dict[str, Wrong]:
+    """By type, why the gripper cannot hold such a part however it stands: the person places it."""
     gripper, clearance_m = configuration.robot.gripper, configuration.motion.least_finger_clearance_m
     where: Location = ("robot",) if configuration.gripper is None else ("gripper",)
-    if gripper.nothing:
-        return [(where, "the arm has no gripper: the cell watches, and the person places every part")]
     reasons = {name: gripper.why_not(product.parts[name], clearance_m) for name in +product.most}
-    return [(where, f"{gripper.name} cannot hold {name}, which {why}") for name, why in reasons.items() if why]
+    return {name: (where, f"{gripper.name} cannot hold {name}, which {why}") for name, why in reasons.items() if why}
 
 
 def refuse_blocked(motion: MotionPlanner) -> None:

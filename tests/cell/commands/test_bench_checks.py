@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,18 @@ def test_what_is_doubtful_is_told_with_its_line(
     assert words in told
     line = 1 + path.read_text().splitlines().index("  obstacles:")
     assert f"{path}:{line}" in told or f"{path}:{line + 1}" in told
+
+
+def test_a_hole_that_nobody_sees_or_reaches_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bench_with(tmp_path, "{name: lamp, position_m: [0.2, 0.6, 0.1], box_m: [0.1, 0.1, 0.2]}")
+    product = (ROOT / "config" / "products.yaml").read_text()
+    (tmp_path / "wide.yaml").write_text(re.sub(r"p6: \[[^]]*\]", "p6: [2.0, 0.0]", product, count=1))
+    path.write_text(re.sub(r"product: .*", "product: wide.yaml", path.read_text()))
+    main(["check", TREE, "--config", str(path)])
+    told = capsys.readouterr().err
+    assert "p6 is outside the image of the overhead camera: nobody sees what is in that hole" in told
+    assert "the arm cannot put o1, o2, o3 into p6: the person places it" in told
+    assert "into p5" not in told
 
 
 def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,7 +33,9 @@ def show(
     if context.invoked_subcommand is not None:
         return
 
-    goals = _load(file, config)
+    semantic = load_configuration(config).planners.semantic
+    kept, made = file or semantic.goals, product_of(config)
+    goals = OpenGoals.load(kept, made, semantic.new_goals) if kept else OpenGoals.of(made, semantic.new_goals)
     product, prior = goals.product, goals.prior()
     table = Table(title=product.name, title_justify="left")
     table.add_column("goal", no_wrap=True)
@@ -97,7 +99,6 @@ def add(
 
 
 def _path(file: Path | None, config: Path) -> Path:
-
     path = file or load_configuration(config).planners.semantic.goals
     if path is None:
         raise InputError(f"{config} names no planners.semantic.goals; add `goals: goals.yaml` there, or name a --file")
@@ -105,6 +106,5 @@ def _path(file: Path | None, config: Path) -> Path:
 
 
 def _load(file: Path | None, config: Path) -> OpenGoals:
-
     settings = load_configuration(config).planners.semantic.new_goals
     return OpenGoals.load(_path(file, config), product_of(config), settings)

@@ -89,7 +89,7 @@ def _caption(topic: str, fields: Mapping[str, object]) -> str:
     """What a note means in a picture, or nothing."""
     if topic == "belief" and "edge" in fields:
         edge = fields["edge"]
-        return f"graph: {' at '.join(map(str, edge)) if isinstance(edge, list | tuple) else edge}"
+        return f"seen: {' at '.join(map(str, edge)) if isinstance(edge, list | tuple) else edge}"
     if topic == "skill" and fields.get("status") in ("success", "failure"):
         return f"{fields.get('node')}: {fields.get('reason')}"
     if topic == "help":

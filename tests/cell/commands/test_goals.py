@@ -28,3 +28,9 @@ def test_what_was_added_is_told_and_listed_whole(tmp_path: Path, monkeypatch: py
     assert "none of these" in table
     assert " ".join(NEW) in table
     assert "…" not in table
+
+
+def test_without_a_file_the_product_s_goals_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert " ".join(GOAL) in asked()
+    assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, DEFAULT_TREE
 from bracket_cell.skills.motion.contact import ContactMap
 from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
@@ -196,3 +196,11 @@ def test_an_assembly_with_three_faults_ends_as_promised() -> None:
     assert row["as_promised"]
     assert not row["unknown"]
     assert row == troubled_assembly(DEFAULT_CONFIGURATION, 701, 3), "the same seed, the same faults and end"
+
+
+@pytest.mark.long
+def test_a_hand_that_leans_on_the_arm_is_held_by_no_more_than_it_pushes() -> None:
+    """With a sparse Jacobian a step of the physics came to no end: 27,264 N at 47.3 s, and the wrist jumped."""
+    row = encounter(DEFAULT_CONFIGURATION, DEFAULT_TREE, "hasty", 1005000, provoked=True)
+    assert row["end"] != "fault"
+    assert float(str(summary([row])["force_n"])) < 1000.0

@@ -45,7 +45,6 @@ def set_physics(spec: mujoco.MjSpec, physics: PhysicsSettings) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 100.0  # with 10, held parts creep down 0.05 mm a second
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # sparse, Newton's method fails at times
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
 
 

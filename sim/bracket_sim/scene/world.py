@@ -29,6 +29,9 @@ from bracket_sim.scene.wholes import add_welds, weld_name
 # MuJoCo's cameras look along -z with y up; ours along z with y down.
 CAMERA_FROM_MUJOCO = Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 LONGEST_FALL_S = 4.0
+# Constraints with which the Jacobian is dense: where it is sparse, MuJoCo's Newton method fails at times, and throws
+# things about. More of them (whole trays in one place, before anything moves) need the memory.
+DENSE_ROWS = 2000
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 KEEPS_M_S, SLIPS_M = 2e-3, 3e-4  # how fast a held part is brought back, and how far off it has slipped
 REST = np.array([0.002] * 3 + [0.05] * 3)  # m/s and rad/s of a part that does not move
@@ -149,6 +152,8 @@ class World:
         self._step(self._steps_per_sample)
 
     def _step(self, count: int) -> None:
+        dense = self.data.nefc < DENSE_ROWS
+        self.model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE if dense else mujoco.mjtJacobian.mjJAC_SPARSE
         mujoco.mj_step(self.model, self.data, count)
         self._keep_grip(count * self.physics.step_s)
         warnings = self.data.warning

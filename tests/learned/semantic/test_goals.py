@@ -146,5 +146,5 @@ def test_the_command_shows_adds_and_forgets(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_a_configuration_without_a_file_of_goals_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["goals"]) == 2
+    assert main(["goals", "add", "odd", *NEW]) == 2
     assert "planners.semantic.goals" in capsys.readouterr().err

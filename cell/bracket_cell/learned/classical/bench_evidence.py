@@ -346,8 +346,9 @@ class SceneConsistency:
     def _unexplained(self, changed: NDArray[np.bool_], hidden: NDArray[np.bool_], image: NDArray[np.float32]) -> str:
         """What a large piece is that has changed, in words; empty where there is none, or robot and person explain it.
 
-        What hangs together with the robot, a hand or an edge may be their shadow, or a robot that nobody tells of. On
-        the person's side it may be a hand, but for what is only darker. Within the tray parts come and go.
+        What is only darker may be their shadow, also where it lies apart from them. What hangs together with the robot,
+        a hand or an edge may be a robot that nobody tells of, and on the person's side a hand. Within the tray parts
+        come and go.
         """
         mask, found = changed.astype(np.uint8), ""
         shares = cv2.boxFilter(mask, cv2.CV_32F, (SCENE.thick, SCENE.thick), borderType=cv2.BORDER_REPLICATE)
@@ -361,9 +362,10 @@ class SceneConsistency:
             if not (own & ~self._tray).any():
                 continue  # parts that stood side by side, and were taken
             across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
-            if across or own.mean() > SCENE.most_robot or not (own & around).any():
+            shadow = self._shadow(own & changed, image)
+            if across or own.mean() > SCENE.most_robot or not (shadow or (own & around).any()):
                 return "something covers the view"
-            if (own & self._persons).any() and not self._shadow(own & changed, image):
+            if (own & self._persons).any() and not shadow:
                 found = NO_HAND
         return found
 

@@ -200,15 +200,17 @@ def test_parts_that_are_taken_out_of_the_tray_are_nothing_that_covers_the_view(s
     assert {judged(number, *one) for number, one in enumerate(seen)} == {""}
 
 
-@pytest.mark.parametrize(("share", "sound"), [(0.75, True), (0.15, False)])
-def test_a_shadow_that_lies_apart_is_nothing_that_covers_the_view(seen: list[Seen], share: float, sound: bool) -> None:
-    """Of an arm above the tray, which the image does not show; darker than a shadow something else is there."""
+@pytest.mark.parametrize(("share", "sound"), [(0.75, True), (0.5, False), (0.15, False), ((0.9, 0.7, 0.7), False)])
+def test_a_shadow_that_lies_apart_is_nothing_that_covers_the_view(
+    seen: list[Seen], share: float | tuple[float, ...], sound: bool
+) -> None:
+    """Of an arm above the tray, which the image does not show; what is darker, or of another colour, is a thing."""
     health = ImageHealth(BENCH, PRODUCT)
 
     def judged(number: int, frame: Frame, hands: list[HandSample]) -> str:
         image = frame.image.copy()
         if number >= SOUND:
-            image[50:130, 40:200] = noisy(number, share * image[50:130, 40:200])
+            image[50:130, 40:200] = noisy(number, np.array(share) * image[50:130, 40:200])
         return health.judge(replace(frame, image=image), hands)
 
     assert ({judged(number, *one) for number, one in enumerate(seen)} == {""}) == sound

@@ -56,6 +56,9 @@ class SceneLimits:
         lit: share of the reference above which a pixel is lit.
         darkest: share of the reference in the darkest shadow.
         most_shadow: share of pixels that a shadow takes.
+        apart: share of the reference that a shadow apart from robot and hands leaves at least. Origin: .76 to .79 of
+            an arm that is parked out of the image.
+        even: by which that share may differ between colours; a thing of another colour differs more.
         thick: [small px] below which it is a part, a cable or an edge.
         thick_share: share of a square of that size that has changed.
         robot_px: [small px] around the robot's outline that may be of it.
@@ -92,6 +95,8 @@ class SceneLimits:
     lit: float = 1.1
     darkest: float = 0.3
     most_shadow: float = 0.9
+    apart: float = 0.6
+    even: float = 0.1
     thick: int = 9
     thick_share: float = 0.6
     robot_px: int = 6
@@ -346,9 +351,9 @@ class SceneConsistency:
     def _unexplained(self, changed: NDArray[np.bool_], hidden: NDArray[np.bool_], image: NDArray[np.float32]) -> str:
         """What a large piece is that has changed, in words; empty where there is none, or robot and person explain it.
 
-        What is only darker may be their shadow, also where it lies apart from them. What hangs together with the robot,
-        a hand or an edge may be a robot that nobody tells of, and on the person's side a hand. Within the tray parts
-        come and go.
+        What hangs together with the robot, a hand or an edge may be their shadow, or a robot that nobody tells of. On
+        the person's side it may be a hand, but for what is only darker. Apart from them only what is a little darker in
+        all colours alike is a shadow. Within the tray parts come and go.
         """
         mask, found = changed.astype(np.uint8), ""
         shares = cv2.boxFilter(mask, cv2.CV_32F, (SCENE.thick, SCENE.thick), borderType=cv2.BORDER_REPLICATE)
@@ -362,19 +367,24 @@ class SceneConsistency:
             if not (own & ~self._tray).any():
                 continue  # parts that stood side by side, and were taken
             across = (own[:, 0].any() and own[:, -1].any()) or (own[0].any() and own[-1].any())
-            shadow = self._shadow(own & changed, image)
-            if across or own.mean() > SCENE.most_robot or not (shadow or (own & around).any()):
+            shares = (image[own & changed] + 1) / (self._reference[own & changed] + 1)
+            explained = (own & around).any() or _shadow_apart(shares)
+            if across or own.mean() > SCENE.most_robot or not explained:
                 return "something covers the view"
-            if (own & self._persons).any() and not shadow:
+            if (own & self._persons).any() and not _shadow(shares, SCENE.darkest):
                 found = NO_HAND
         return found
 
-    def _shadow(self, own: NDArray[np.bool_], image: NDArray[np.float32]) -> bool:
-        """Whether a piece is nothing but darker."""
-        shares = (image[own] + 1) / (self._reference[own] + 1)
-        return bool(
-            ((shares < SCENE.lit).all(axis=1) & (shares > SCENE.darkest).all(axis=1)).mean() > SCENE.most_shadow
-        )
+
+def _shadow(shares: NDArray[np.float32], darkest: float) -> bool:
+    """Whether pixels (n, 3), as shares of the reference, are nothing but darker."""
+    dark = (shares < SCENE.lit).all(axis=1) & (shares > darkest).all(axis=1)
+    return bool(dark.mean() > SCENE.most_shadow)
+
+
+def _shadow_apart(shares: NDArray[np.float32]) -> bool:
+    """Whether they are a little darker, in all colours alike."""
+    return _shadow(shares, SCENE.apart) and bool(np.ptp(np.median(shares, axis=0)) < SCENE.even)
 
 
 def person_edge(bench: Bench) -> Edge:

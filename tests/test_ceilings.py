@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from tests.ceilings import DISTRIBUTIONS, problems, sizes
+from tests.ceilings import DISTRIBUTIONS, ROOT, problems, sizes
+
+TOP = {*DISTRIBUTIONS, "config", "docs", "editor", "learned", "skills", "tests", "trees"}
+FILES = {"CHANGELOG.md", "LICENSE", "Makefile", "README.md", "mkdocs.yml", "pyproject.toml"}
 
 
 @pytest.fixture
@@ -35,3 +39,10 @@ def test_a_new_room_needs_a_ceiling_and_one_that_is_gone_must_go(house: Path) ->
         "bracket_sim.room: no ceiling; it has 3 lines in 1 files",
         "bracket_sim.old: there is no such room",
     ]
+
+
+def test_nothing_that_a_command_wrote_lies_at_the_top() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True)
+    names = {line.split("/")[0] for line in listed.stdout.splitlines()}
+    pinned = {"constraints.txt", "constraints-hashed.txt"}
+    assert {name for name in names if not name.startswith(".")} == TOP | FILES | pinned

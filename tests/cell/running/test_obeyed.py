@@ -209,6 +209,27 @@ def test_an_arm_that_swings_where_its_path_begins_is_no_runaway(after_s: tuple[f
     assert any(said) is runs_away
 
 
+@pytest.mark.parametrize(
+    ("places_s", "stands", "late_s", "words"),
+    [
+        ([0.9, 0.9, 0.9, 0.05], 3, 0.48, ""),  # nobody looked while it began another path
+        ([0.0, 0.02, 0.06, 0.06], 1, 0.48, ""),  # nor while its own watch held it
+        ([0.0, 0.02, 0.06, *[0.06] * 7], 1, 0.0, "the arm does not go on for 0.24 s"),
+    ],
+)
+def test_an_arm_that_nobody_saw_go_on_is_told_only_where_somebody_looked(
+    places_s: list[float], stands: int, late_s: float, words: str
+) -> None:
+    """Two states that are far apart say nothing about what lay between them: a late tick is no fault of the arm."""
+    monitor, said = arm_monitor(), []
+    for tick, place_s in enumerate(places_s):
+        now_s = tick * TICK_S + late_s * (tick == len(places_s) - 1)
+        swing = (1e-6 * tick, *(0.0,) * 5)
+        monitor.see(now_s, ArmState(now_s, swing, (0.0,) * 6, tick >= stands, path_s=place_s), 1.0, way())
+        said.append(str(monitor.disobeys))
+    assert said[-1].startswith(words) and (words or not said[-1])
+
+
 def test_a_standing_arm_that_shakes_because_it_is_rammed_is_no_liar() -> None:
     """Its place hardly changes, and the speed at the instant of a sample says little: the run goes on."""
     assert told_by_a_standing_arm(10, None, moving=False) == ""

@@ -273,14 +273,15 @@ class ArmMonitor:
         """A moving arm that may go on tells the same again and again, or does not go on."""
         same = self._arm is not None and (arm.path_s, arm.positions_rad) == (self._arm.path_s, self._arm.positions_rad)
         free = arm.moving and path is not None and min(share for _, share in self._orders) > 0
-        silent = self._arm is not None and arm.time_s == self._arm.time_s
-        if not same or silent or (not free and self.repeats_s < ARM.repeats_s):
+        took_s = 0.0 if self._arm is None else arm.time_s - self._arm.time_s
+        silent, unseen = self._arm is not None and took_s == 0, took_s > ARM.longest_s
+        if not same or silent or unseen or (not free and self.repeats_s < ARM.repeats_s):
             self._changed_s = self._now_s
         self.repeats_s = self._now_s - self._changed_s
         if self.repeats_s > ARM.tells_s:
             return Message("the arm moves and tells the same for {repeats_s} s", repeats_s=f"{self.repeats_s:.2f}")
         grows = self._arm is None or self._arm.path_s is None or arm.path_s is None or arm.path_s > self._arm.path_s
-        if not free or grows:
+        if not free or grows or unseen:
             self._advanced_s = self._now_s
         if self._now_s - self._advanced_s > ARM.stuck_s:
             return Message(

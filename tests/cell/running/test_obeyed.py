@@ -227,7 +227,7 @@ def test_an_arm_that_nobody_saw_go_on_is_told_only_where_somebody_looked(
         swing = (1e-6 * tick, *(0.0,) * 5)
         monitor.see(now_s, ArmState(now_s, swing, (0.0,) * 6, tick >= stands, path_s=place_s), 1.0, way())
         said.append(str(monitor.disobeys))
-    assert said[-1].startswith(words) and (words or not said[-1])
+    assert said[-1].split(",")[0] == words
 
 
 def test_a_standing_arm_that_shakes_because_it_is_rammed_is_no_liar() -> None:

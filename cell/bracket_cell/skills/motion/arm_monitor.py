@@ -243,11 +243,9 @@ class ArmMonitor:
         tool_m = self.tool_m(np.array(arm.positions_rad))
         self._held_at_m = tool_m if self._held_at_m is None else self._held_at_m
         way_m = float(np.linalg.norm(tool_m - self._held_at_m))
-        return (
-            Message("the tool went {way_m} m since it was to stand", way_m=f"{way_m:.2f}")
-            if way_m > self.limits.way_m
-            else ""
-        )
+        if way_m <= self.limits.way_m:
+            return ""
+        return Message("the tool went {way_m} m since it was to stand", way_m=f"{way_m:.2f}")
 
     def _moves(self, arm: ArmState) -> str:
         """A joint moves although the arm must stand; in some modes somebody may move it."""

@@ -27,9 +27,13 @@ MOST_NESTED = 64  # levels; the parser in C ends the process at some ten thousan
 MOST_VALUES = 1_000_000  # with what aliases repeat
 MOST_BITS, SHOWN = 1024, 40  # of a whole number; characters of what is refused
 BEGINS, ENDS = yaml.CollectionStartEvent, yaml.CollectionEndEvent
-IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's
+IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's or its own
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
     **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    "string_type": "text",
     "path_type": "a path",
 }
 SHOULD = "input should be "
@@ -156,14 +160,8 @@ def _read(path: Path) -> tuple[Node, object, list[Problem]]:
 def _read_text(path: Path, text: str) -> tuple[Node, object, list[Problem]]:
     if text.startswith(OPENCV):
         text = f"#{text[1:]}"
-    try:
+    with suppress(*NOT_YAML):  # the parser in Python has better words about what is wrong
         return _parsed(path, text, FAST)
-    except NOT_YAML:
-        return _refused(path, text)
-
-
-def _refused(path: Path, text: str) -> tuple[Node, object, list[Problem]]:
-    """The same by the parser in Python, whose words about what is wrong are better."""
     try:
         return _parsed(path, text, yaml.SafeLoader)
     except NOT_YAML as error:
@@ -202,9 +200,8 @@ def _require_shallow(path: Path, text: str, kind: Any) -> None:
 def _unreadable(path: Path, text: str, error: Exception) -> InputError:
     """What YAML's reader raised, in words and with its place."""
     if isinstance(error, yaml.reader.ReaderError):
-        line = text.count("\n", 0, error.position) + 1
-        what = f"the character {error.character!r} is not legal in YAML"
-        return InputError(Problem(Place(path, line), what))
+        place = Place(path, text.count("\n", 0, error.position) + 1)
+        return InputError(Problem(place, f"the character {error.character!r} is not legal in YAML"))
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path)
@@ -300,7 +297,9 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
                 return [Problem(place, f"key {name!r} is no longer set by files", what)]
         return [Problem(place, f"unknown key {name!r}", suggestion(name, _legal_keys(model, location[:-1])))]
     if details["type"] == "missing":
-        return [Problem(_place(path, root, location[:-1]), f"key {str(location[-1])!r} is missing")]
+        *around, last = location
+        what = f"{_dotted(tuple(around))}: value {last + 1}" if isinstance(last, int) else f"key {last!r}"
+        return [Problem(_place(path, root, tuple(around)), f"{what} is missing")]
     kind, got = details["type"], details["input"]
     what = f"{SHOULD}{IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
     if kind in COUNTED:

@@ -101,7 +101,9 @@ def test_what_is_no_mapping_of_plain_data_is_refused(tmp_path: Path, text: str, 
         ("leaf: {speed_m_s: 1}\nby_name: x\n", "2:10: by_name: input should be keys with values, not 'x'"),
         ("leaf: {speed_m_s: 1}\nlisted: 4\n", "2:9: listed: input should be a list, not 4"),
         ("leaf: {speed_m_s: 1}\nfolder: 4\n", "2:9: folder: input should be a path, not 4"),
-        ("leaf: {speed_m_s: {a: 1}}\n", "1:19: leaf.speed_m_s: input should be a valid number, not keys with values"),
+        ("leaf: {speed_m_s: {a: 1}}\n", "1:19: leaf.speed_m_s: input should be a number, not keys with values"),
+        ("leaf: {speed_m_s: x}\n", "1:19: leaf.speed_m_s: input should be a number, not 'x'"),
+        ("leaf: {speed_m_s: 1, count: 1.5}\n", "1:29: leaf.count: input should be a whole number, not 1.5"),
     ],
 )
 def test_another_kind_of_value_is_told_in_the_words_of_yaml(tmp_path: Path, text: str, expected: str) -> None:

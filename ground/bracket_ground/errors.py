@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
+
+ENDLESS = re.compile(r"(\w{40})\w{216,}")  # a word that is longer than any name of a file
 
 
 class CellError(Exception):
@@ -83,7 +86,7 @@ class InputError(CellError):
 
     def __init__(self, *problems: Problem | str) -> None:
         self.problems = problems
-        super().__init__("\n".join(str(problem) for problem in problems))
+        super().__init__(ENDLESS.sub(r"\1...", "\n".join(str(problem) for problem in problems)))
 
 
 class SettingError(InputError):

@@ -122,8 +122,7 @@ def _parts(file: File, some: list[_Bracket]) -> dict[str, Any]:
         for name, part in bracket.file["parts"].items():
             before = found.setdefault(name, {**part, "quantity": 0} if "quantity" in part else part)
             if bracket.file is not file and name in file["parts"] and _unlike(part, file["parts"][name]):
-                what = f"type {name} is another one in the file of bracket {bracket.name}"
-                raise Disagreement([(("parts", name), what)])
+                raise Disagreement([(("parts", name), f"type {name} is another in the file of bracket {bracket.name}")])
             if "quantity" in before and "quantity" in part:
                 found[name] = {**before, "quantity": int(before["quantity"]) + int(part["quantity"])}
             else:
@@ -145,11 +144,9 @@ def _plain(value: Any) -> Any:
 def _limits(pairs: list[tuple[_Bracket, str]]) -> Counter[str]:
     """Quantities of a combination; none where one of its goals has none."""
     each = [{} if goal == EMPTY else bracket.file.get("goal_quantities", {}).get(goal) for bracket, goal in pairs]
-    return (
-        Counter()
-        if None in each
-        else sum((Counter({name: int(n) for name, n in own.items()}) for own in each), Counter())
-    )
+    if None in each:
+        return Counter()
+    return sum((Counter({name: int(n) for name, n in own.items()}) for own in each), Counter())
 
 
 def _holes(file: File) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from bracket_ground.files.units import Coordinate, Gap, Length, Rgb, Side
 from bracket_ground.files.yaml_file import has_key, load_yaml
 from bracket_ground.interfaces.brackets import with_brackets
 from bracket_ground.interfaces.meshes import hull_of, read_mesh
+from bracket_ground.interfaces.places import FRAMES
 from bracket_ground.interfaces.solid import AXES, Solid, span_m
 from bracket_ground.interfaces.steps import Fastening, in_order
 from bracket_ground.interfaces.variants import (
@@ -33,6 +34,7 @@ from bracket_ground.interfaces.variants import (
 )
 from bracket_ground.interfaces.wholes import unfit_wholes, with_wholes
 
+PARTING = ",;:{}"  # what parts names from each other in commands, and in ports and poses of tree files
 RESERVED = ("none of these", "random")  # the unknown goal of a belief; any goal, as an option
 BOX = "box"
 MOST_SOLIDS = 200  # of a part: what physics and pictures still follow
@@ -371,9 +373,7 @@ class Product(Model):
     @cached_property
     def _accepted(self) -> dict[str, dict[str, tuple[str, ...]]]:
         return {
-            goal: {
-                slot: types_of(choice) for slot, choice in zip(self.positions, choices, strict=True) if types_of(choice)
-            }
+            goal: {slot: types_of(some) for slot, some in zip(self.positions, choices, strict=False) if types_of(some)}
             for goal, choices in self.goals.items()
         }
 
@@ -408,9 +408,8 @@ class Product(Model):
             unknown = sorted(set(getattr(self, key)) - set(self.goals))
             problems += [((key, goal), f"no goal {goal}; legal: {', '.join(self.goals)}") for goal in unknown]
         if self.brackets:
-            problems.append(
-                (("brackets",), "copies can be made of a bracket, goals and parts as files have them alone")
-            )
+            what = "copies can be made of a bracket, goals and parts as files have them alone"
+            problems.append((("brackets",), what))
         problems = problems or [*unfit_wholes(self)] or self._unused() or self._unordered() or self._unseated()
         if problems:
             raise Disagreement(problems)
@@ -448,15 +447,21 @@ class Product(Model):
 
     def _misnamed(self) -> list[tuple[Location, str]]:
         """Names that nobody could read, or that mean something else."""
-        keys: list[tuple[Location, Collection[str]]] = [
-            (("parts",), self.parts),
-            (("bracket", "holes_m"), self.positions),
-            (("goals",), self.goals),
+        named: list[Location] = [("parts", part) for part in self.parts]
+        named += [*(("bracket", "holes_m", slot) for slot in self.positions), *(("goals", goal) for goal in self.goals)]
+        bad: list[tuple[Location, str]] = [
+            (at, f"{name!r} is no name: it has letters, and none of {' '.join(PARTING)}")
+            for at in named
+            if (name := str(at[-1])) != name.strip() or not (name and name.isprintable()) or set(name) & set(PARTING)
         ]
-        blank = [
-            ((*at, name), name) for at, names in keys for name in names if not (name.strip() and name.isprintable())
+        frame = "cannot be the name of a slot: poses are given in a frame of that name"
+        bad += [(("bracket", "holes_m", slot), f"{slot!r} {frame}") for slot in self.positions if slot in FRAMES]
+        titles = Counter(map(self.goal_title, self.goals))
+        bad += [
+            (("goal_titles", goal), f"{title!r} is said of another goal, too")
+            for goal, title in self.goal_titles.items()
+            if titles[title] > 1
         ]
-        bad: list[tuple[Location, str]] = [(at, f"{name!r} is no name: it needs letters") for at, name in blank]
         for slot, types in self.accepts.items():
             legal = f"part types: {', '.join(self.parts)}"
             bad += [(("accepts", slot), f"no part type {name}; {legal}") for name in types if name not in self.parts]
@@ -469,34 +474,28 @@ class Product(Model):
         """Parts that their holes do not carry, holes over the plate's edge, and holes that run into each other."""
         wide_m = 2 * self.hole_radius_m
         seated = {name for slot in self.through for name in self.types_at(slot)}
-        fallen: list[tuple[Location, str]] = [
-            (
-                ("parts", name, "size_m"),
-                f"{name} falls through the holes, which are {1e3 * wide_m:.0f} mm wide for the pegs",
-            )
-            for name in self.parts
-            if name in seated and max(self.parts[name].size_m[:2]) < wide_m
+        through = f"falls through the holes, which are {1e3 * wide_m:.0f} mm wide for the pegs"
+        wrong: list[tuple[Location, str]] = [
+            (("parts", name, "size_m"), f"{name} {through}")
+            for name, kind in self.parts.items()
+            if name in seated and max(kind.size_m[:2]) < wide_m
         ]
         if self.bracket.margin_m <= self.hole_radius_m:
             what = f"holes of {1e3 * wide_m:.0f} mm reach over the plate's edge; legal: more than {wide_m / 2:.4g} m"
-            fallen.append((("bracket", "margin_m"), what))
-        return fallen + [
-            (
-                ("bracket", "holes_m", other),
-                f"{other} runs into {slot}: between their middles are {1e3 * away_m:.0f} mm",
-            )
-            for (slot, at), (other, there) in combinations(self.through.items(), 2)
-            if (away_m := dist(at, there)) < 2 * self.hole_radius_m
-        ]
+            wrong.append((("bracket", "margin_m"), what))
+        for (slot, at), (other, there) in combinations(self.through.items(), 2):
+            if (away_m := dist(at, there)) < wide_m:
+                what = f"{other} runs into {slot}: between their middles are {1e3 * away_m:.0f} mm"
+                wrong.append((("bracket", "holes_m", other), what))
+        return wrong
 
     def _unused(self) -> list[tuple[Location, str]]:
         """Part types that no goal takes."""
+        pieces = {piece for whole in self.wholes.values() for piece in whole.made_of}
         return [
             (("parts", name), f"no goal takes a part of type {name}; if none should, its quantity is 0")
             for name, kind in self.parts.items()
-            if kind.quantity
-            and not self.most[name]
-            and not any(name in part_type.made_of for part_type in self.wholes.values())
+            if kind.quantity and not self.most[name] and name not in pieces
         ]
 
     def _unordered(self) -> list[tuple[Location, str]]:

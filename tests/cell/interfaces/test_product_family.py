@@ -187,6 +187,18 @@ def test_a_slot_on_a_part_is_as_high_as_the_part_and_comes_after_it() -> None:
         ({"goal_quantities": {"g0": {"o1": 2}}}, "more slots than goal_quantities.g0 has parts for"),
         ({"fastenings": {"p1": {"at": ["p2"]}}}, "p1 is a slot; give the fastening another name"),
         ({"fastenings": {"f": {"at": ["p9"]}}}, "no slot p9; slots: p1"),
+        ({"goals": {"a": ["o1"] * 6, "b": ["o1"] * 5}, "goal_titles": {}}, "goal b lists 5 parts for 6 positions"),
+        ({"goals": {"a": ["o1"] * 7, "b": ["o1"] * 6}, "goal_titles": {}}, "goal a lists 7 parts for 6 positions"),
+        ({"goal_titles": {"g0": "one", "g1": "one"}}, "'one' is said of another goal, too"),
+        ({"goal_titles": {"g0": "g1"}}, "'g1' is said of another goal, too"),
+        (
+            {
+                "bracket": {**BASE["bracket"], "holes_m": {"tray": [0.0, 0.0]}},
+                "goals": {"a": ["o1"]},
+                "goal_titles": {},
+            },
+            "'tray' cannot be the name of a slot: poses",
+        ),
     ],
 )
 def test_what_does_not_fit_is_named(changes: dict[str, Any], what: str) -> None:
@@ -222,6 +234,9 @@ def test_whatever_a_product_file_holds_it_is_taken_or_refused_with_places(
         ("parts", "o1", "o\x07", "is no name"),
         ("parts", "o1", "empty", "says that nothing goes into a slot"),
         ("goals", "g0", " ", "is no name"),
+        ("goals", "g0", "a, or b", "is no name: it has letters, and none of , ; : { }"),
+        ("parts", "o1", "o1;", "is no name"),
+        ("parts", "o1", "o1 ", "is no name"),
     ],
 )
 def test_names_that_nobody_can_read_are_refused(key: str, old: str, new: str, words: str) -> None:
@@ -253,9 +268,11 @@ def test_slots_that_carry_each_other_are_told_where_the_file_says_it(tmp_path: P
         ({"goals": {"a": {"p9": "o1"}}, "goal_titles": {}}, r"goals.yaml:\d+:9: no slot p9 in the bracket"),
         (
             {"goals": {"a": [True, *["o1"] * 5]}},
-            r"goals.a.0: input should be a list or a valid string, not True; in quotes",
+            r"goals.a.0: input should be a list or text, not True; in quotes",
         ),
         ({"before": [["p1", "p2", "p3"]]}, "before.0: at most 2 values are legal here, not 3"),
+        ({"before": [["p1"]]}, r"goals.yaml:\d+:3: before.0: value 2 is missing"),
+        ({"name": "x" * 300, "goal_titles": {"x" * 300: "b"}}, r"goals.yaml:\d+:\d+: no goal x{40}\.\.\.; legal: g0"),
     ],
 )
 def test_words_name_the_entry_and_what_is_legal_there(changes: dict[str, Any], what: str, tmp_path: Path) -> None:

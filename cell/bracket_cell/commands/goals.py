@@ -30,9 +30,9 @@ def show(
     context: typer.Context, file: FileOption = None, config: ConfigOption = CONFIGURATION, as_json: JsonOption = False
 ) -> None:
     """Show all goals, how often each was finished, and how probable it is for the next bracket."""
-    if context.invoked_subcommand is not None:
+    if (then := context.invoked_subcommand) is not None:
+        context.default_map = {then: {"file": file, "config": config}}
         return
-
     semantic = load_configuration(config).planners.semantic
     kept, made = file or semantic.goals, product_of(config)
     goals = OpenGoals.load(kept, made, semantic.new_goals) if kept else OpenGoals.of(made, semantic.new_goals)

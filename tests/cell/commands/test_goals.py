@@ -34,3 +34,13 @@ def test_without_a_file_the_product_s_goals_are_shown(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     assert " ".join(GOAL) in asked()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_named_before_the_command_is_that_of_the_command(tmp_path: Path) -> None:
+    file = str(tmp_path / "goals.yaml")
+    assert f"finished 3, in {file}" in " ".join(asked("--file", file, "add", "winter", *NEW).split())
+
+
+def test_a_goal_with_too_few_parts_is_told_how_many_there_are(tmp_path: Path) -> None:
+    answer = CliRunner().invoke(goals_app, ["--file", str(tmp_path / "goals.yaml"), "add", "short", *NEW[1:]])
+    assert "goal short lists 5 parts for 6 positions" in str(answer.exception)

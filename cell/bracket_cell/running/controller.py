@@ -223,9 +223,8 @@ class Controller:
         self._seen = self._actor.seen(replace(seen, speed_scale=made.speed_scale, holding_faults=made.holding_faults))
         if seen.acknowledged:
             paused = seen.operator.pause == "now"
-            self._observers.say(
-                "info", "acknowledged by the operator" if paused else "the operator says that it may go on"
-            )
+            words = "acknowledged by the operator" if paused else "the operator says that it may go on"
+            self._observers.say("info", words)
         self._announce(seen.time_s)
         return self._seen, joints
 

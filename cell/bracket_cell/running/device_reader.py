@@ -167,9 +167,8 @@ class DeviceReader:
         signals = self._read("signals", self._signals.read) if self._signals is not None else None
         troubles, self._troubles = tuple(self._troubles), []
         if self._arm is None or self._fingers is None:
-            raise DeviceFault(
-                "devices", "; ".join(trouble.reason for trouble in troubles) or "a device reported nothing"
-            )
+            reasons = "; ".join(trouble.reason for trouble in troubles)
+            raise DeviceFault("devices", reasons or "a device reported nothing")
         return Observation(
             tick=tick,
             time_s=self._devices.clock.now_s(),

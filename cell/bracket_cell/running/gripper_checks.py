@@ -177,19 +177,13 @@ class GripperMemory:
             return ""
         if gripper.object_status is not ObjectStatus.MOVING:
             moved_m = abs(gripper.opening_m - self._opening_m)
-            return (
-                Message("the fingers moved by {moved_m} mm unasked", moved_m=f"{moved_m * 1000:.0f}")
-                if moved_m > LIMITS.off_m
-                else ""
-            )
+            unasked = Message("the fingers moved by {moved_m} mm unasked", moved_m=f"{moved_m * 1000:.0f}")
+            return unasked if moved_m > LIMITS.off_m else ""
         longest_s = (self.stroke_m + LIMITS.beyond_m) / self._goal.speed_m_s + LIMITS.slowest_s
         if now_s - self._moved_s > LIMITS.still_s:
             return Message("the fingers do not move for {still_s} s, although they say so", still_s=LIMITS.still_s)
-        return (
-            Message("the fingers do not arrive within {longest_s} s", longest_s=f"{longest_s:.1f}")
-            if now_s - self._free_s > longest_s
-            else ""
-        )
+        late = Message("the fingers do not arrive within {longest_s} s", longest_s=f"{longest_s:.1f}")
+        return late if now_s - self._free_s > longest_s else ""
 
     def _settled(self, gripper: GripperState, now_s: float) -> bool:
         """The status is about what the fingers were told, and nothing stops them."""

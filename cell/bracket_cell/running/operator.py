@@ -86,25 +86,20 @@ class OperatorChannel:
 
     def refusal(self, order: OperatorOrder) -> str:
         """Why an order cannot be taken now; empty where it can."""
-        if order.kind not in get_args(OrderKind):
-            return Message(
-                "no order {kind}; legal: {legal}", kind=f"{order.kind!r}", legal=", ".join(get_args(OrderKind))
-            )
+        said, kinds = f"{order.value!r}", get_args(OrderKind)
+        if order.kind not in kinds:
+            return Message("no order {kind}; legal: {legal}", kind=f"{order.kind!r}", legal=", ".join(kinds))
         if len(self._waiting) >= WAITING:
             return "too many orders at once"
         if order.kind == "pause" and order.value not in ("now", "after part"):
-            return Message("a pause is 'now' or 'after part', not {value}", value=f"{order.value!r}")
+            return Message("a pause is 'now' or 'after part', not {value}", value=said)
         if order.kind in ("goal", "other") and order.value not in self._goals:
-            return Message(
-                "no goal {value}; legal: {goals}", value=f"{order.value!r}", goals=", ".join(sorted(self._goals))
-            )
+            return Message("no goal {value}; legal: {goals}", value=said, goals=", ".join(sorted(self._goals)))
         if order.kind == "speed" and not (order.value.isdecimal() and SLOWEST <= int(order.value) <= FASTEST):
             return Message("a speed is {least} to {most} percent", least=SLOWEST, most=FASTEST)
         if order.kind == "fastened" and not self._fastening(order.value):
             legal = ", ".join(self._fastenings) or "none"
-            return Message(
-                "no fastening and torque in Nm: {value}; fastenings: {legal}", value=f"{order.value!r}", legal=legal
-            )
+            return Message("no fastening and torque in Nm: {value}; fastenings: {legal}", value=said, legal=legal)
         if order.kind == "job":
             try:
                 self.jobs.checked(order.value)
@@ -135,24 +130,23 @@ class OperatorChannel:
         return ""
 
     def _no_answer(self, order: OperatorOrder) -> str:
-        question = next((asked for asked in self.questions if asked.number == order.question), None)
+        said, number = f"{order.value!r}", order.question
+        question = next((asked for asked in self.questions if asked.number == number), None)
         if question is None:
             standing = ", ".join(str(asked.number) for asked in self.questions) or "none"
             return Message(
-                "no question {question} is asked now; questions: {standing}", question=order.question, standing=standing
+                "no question {question} is asked now; questions: {standing}", question=number, standing=standing
             )
         if question.kind == "text":
             legal_text = 0 < len(order.value.strip()) <= LETTERS_MAX and order.value.isprintable()
             return "" if legal_text else Message("an answer is a line of 1 to {most} letters", most=LETTERS_MAX)
-        legal = [answer.value for answer in question.answers]
-        if order.value not in legal:
-            return Message(
-                "{value} answers no question {question}; legal: {legal}",
-                value=f"{order.value!r}",
-                question=order.question,
-                legal=", ".join(legal) or "nothing",
-            )
-        return ""
+        answers = [answer.value for answer in question.answers]
+        legal = ", ".join(answers) or "nothing"
+        if order.value in answers:
+            return ""
+        return Message(
+            "{value} answers no question {question}; legal: {legal}", value=said, question=number, legal=legal
+        )
 
     def shown(self, display: Display) -> None:
         """What the cell shows from now on, questions among it."""

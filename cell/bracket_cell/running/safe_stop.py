@@ -146,11 +146,8 @@ def condition(seen: Observation | None, part: str) -> str:
         return f"nothing is known of arm and gripper; it may hold {part or 'a part'}"
     arm = "the arm stands" if at_rest(seen) else "the arm is not known to stand"
     gripper = seen.gripper
-    told = (
-        gripper.echoed
-        and not stale_words(seen)
-        and not any(trouble.device.startswith("gripper") for trouble in seen.troubles)
-    )
+    troubled = any(trouble.device.startswith("gripper") for trouble in seen.troubles)
+    told = gripper.echoed and not stale_words(seen) and not troubled
     if not told or not gripper.activated or gripper.object_status is ObjectStatus.MOVING:
         return f"{arm}, nothing is known of the gripper; it may hold {part or 'a part'}"
     holds = f"holds {part or 'a part'}" if seen.gripper.holding else "holds nothing"

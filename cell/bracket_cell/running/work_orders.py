@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from bracket_cell.production.book import Book
-from bracket_ground.errors import InputError, Place, Problem
-from bracket_ground.files.files import TEXT_BYTES, regular
+from bracket_ground.errors import InputError, Place, Problem, mistakes
+from bracket_ground.files.files import read_text
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.operator import WorkOrder
 
 LOOK_S = 1.0  # so often the file is looked at
 NEXT_N = 5  # orders that a tick knows of
-MOST_N, AMOUNT_MOST, ID_MOST = 10_000, 100_000, 60
+MOST_N, AMOUNT_MOST, ID_MOST, DIGITS = 10_000, 100_000, 60, 9  # a number of more digits is too large anyway
 KEYS: dict[str, type] = {"id": str, "variant": str, "amount": int, "due": str, "cancelled": bool}
+WORDS = {str: "text", int: "a whole number", bool: "true or false"}
 
 
 class WorkOrders:
     """The queue of orders; what was finished for each is in the book.
 
-    A later line with the same id changes its order, whatever was finished of it stays.
+    A later line with the same id changes its order, whatever was finished of it stays; so does a line that is edited.
 
     Args:
         variants: that the product has, with their titles for people; either names a variant.
-        path: JSON lines, one order each; None where orders come from an operator alone.
+        path: JSON lines, one order each; None where orders come from an operator alone. Where the book outlives the
+            run, each has its id: the next run reads the file again.
         book: that has the brackets; orders are written there, and those of earlier runs are read from it.
 
     Attributes:
@@ -42,7 +45,7 @@ class WorkOrders:
     def __init__(self, variants: Mapping[str, str], path: Path | None = None, book: Book | None = None) -> None:
         self._variants, self._path, self._book = dict(variants), path, book or Book()
         self._orders = self._written()
-        self._looked_s, self._read, self._line = -math.inf, 0, 0
+        self._looked_s, self._text, self._unread = -math.inf, "", ""
         self._open: tuple[WorkOrder, ...] = ()
         self._known = -1  # changes of the book that are known
         self.news: list[Message] = []
@@ -56,9 +59,7 @@ class WorkOrders:
         """Orders that are to be built, the next one first; looks now and then whether the file has grown."""
         if self._path is not None and time_s - self._looked_s >= LOOK_S:
             self._looked_s = time_s
-            self.news += [
-                Message("{problem}; this line is passed over", problem=str(problem)) for problem in self._look()
-            ]
+            self._look_again()
         if self._known != self._book.changes:
             self._known = self._book.changes
             self._orders = self._written()
@@ -74,15 +75,22 @@ class WorkOrders:
         """
         self._take(self.checked(text))
 
-    def checked(self, text: str) -> WorkOrder:
+    def checked(self, text: str, named: bool = False) -> WorkOrder:
         """An order as JSON.
+
+        Args:
+            named: it must have an id.
 
         Raises:
             InputError: it is none.
         """
         try:
-            return self._order(json.loads(text))
+            read = json.loads(text, parse_int=lambda digits: int(digits[:DIGITS]))
         except (ValueError, RecursionError) as error:
+            raise InputError(f"this is no work order: it {mistakes(error)[0]}") from None
+        try:
+            return self._order(read, named)
+        except ValueError as error:
             raise InputError(f"this is no work order: {error}") from None
 
     def _written(self) -> dict[str, WorkOrder]:
@@ -102,51 +110,59 @@ class WorkOrders:
         else:
             self.news.append(Message("work order {id} was changed: {amount} of {variant}", **about))
 
-    def _look(self) -> list[Problem]:
-        """Take what came to the file since it was read last, whole lines only."""
-        assert self._path is not None
+    def _look_again(self) -> None:
         try:
-            with regular(self._path, TEXT_BYTES).open("rb") as file:
-                if file.seek(0, 2) < self._read:  # somebody wrote it anew
-                    self._read = self._line = 0
-                file.seek(self._read)
-                new = file.read()
-        except OSError as error:
-            return [Problem(Place(self._path), f"cannot be read: {error.strerror}")]
-        whole = new[: new.rfind(b"\n") + 1] if self._looked_s > -math.inf else new
-        self._read += len(whole)
-        problems = []
-        for line in whole.decode("utf-8", "replace").splitlines():
-            self._line += 1
-            try:
-                if line.strip():
-                    self._take(self.checked(line))
-            except InputError as error:
-                problems.append(Problem(Place(self._path, self._line), str(error)))
+            problems, self._unread = self._look(), ""
+        except InputError as error:
+            if str(error) != self._unread:
+                self._unread = str(error)
+                self.news.append(Message("{problem}; the orders that are known stay", problem=self._unread))
+            return
+        self.news += [Message("{problem}; this line is passed over", problem=str(problem)) for problem in problems]
+
+    def _look(self) -> list[Problem]:
+        """Take lines that came to the file, or were edited, since it was read last; of a growing one whole lines only.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        assert self._path is not None
+        text = read_text(self._path).removeprefix("\ufeff")
+        whole = text[: text.rfind("\n") + 1] if self._looked_s > -math.inf else text
+        if whole in ("", self._text):
+            return []
+        known, self._text, problems = Counter(self._text.split("\n")), whole, []
+        for number, line in enumerate(whole.split("\n"), 1):
+            known[line] -= 1
+            if known[line] < 0 and line.strip():
+                try:
+                    self._take(self.checked(line, named=self._book.path is not None))
+                except InputError as error:
+                    problems.append(Problem(Place(self._path, number), str(error)))
         return problems
 
-    def _order(self, read: Any) -> WorkOrder:
+    def _order(self, read: Any, named: bool) -> WorkOrder:
         if not isinstance(read, Mapping):
             raise ValueError(f"it is an object with the keys {', '.join(KEYS)}")
         if unknown := [str(key) for key in read if key not in KEYS]:
             raise ValueError(f"no key {unknown[0]!r}; legal: {', '.join(KEYS)}")
         for key, value in read.items():
             if type(value) is not KEYS[key]:
-                raise ValueError(f"{key} is {value!r}, not {KEYS[key].__name__}")
+                raise ValueError(f"{key} is {json.dumps(value)}, not {WORDS[KEYS[key]]}")
         before = self._orders.get(read.get("id", ""))
         fields = {**({} if before is None else asdict(before)), **read}
+        if named and "id" not in read:
+            raise ValueError("id is missing: by it the next run of this cell knows the order")
         if before is None and "id" not in read:
             fields["id"] = next(name for name in map(str, range(1, MOST_N + 2)) if name not in self._orders)
-        order = WorkOrder(**{**fields, "variant": self._variant(fields.get("variant"))})
+        order = WorkOrder(**{**fields, "variant": self._variant(fields.get("variant", ""))})
         if not (0 < len(order.id) <= ID_MOST and order.id.isprintable()):
             raise ValueError(f"id is {order.id!r}; it has 1 to {ID_MOST} letters")
         if not 0 < order.amount <= AMOUNT_MOST:
             raise ValueError(f"amount is {order.amount}; legal: 1 to {AMOUNT_MOST}")
-        if order.due and not _is_time(order.due):
-            raise ValueError(f"due is {order.due!r}; write it as 2026-11-26T14:00")
         if before is None and len(self._orders) >= MOST_N:
             raise ValueError(f"there are {MOST_N} orders already")
-        return order
+        return replace(order, due=order.due and _time(order.due))
 
     def _variant(self, named: object) -> str:
         """A variant by its name or its title."""
@@ -157,9 +173,10 @@ class WorkOrders:
         return found[0]
 
 
-def _is_time(text: str) -> bool:
+def _time(text: str) -> str:
+    """A time in any writing of ISO 8601 as orders are sorted by, and browsers read it: of this place, in minutes."""
     try:
-        datetime.fromisoformat(text)
-    except ValueError:
-        return False
-    return True
+        time = datetime.fromisoformat(text)
+        return (time.astimezone() if time.tzinfo else time).replace(tzinfo=None).isoformat(timespec="minutes")
+    except (ValueError, OverflowError):
+        raise ValueError(f"due is {text!r}; write it as 2026-11-26T14:00") from None

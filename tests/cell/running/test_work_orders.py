@@ -54,11 +54,14 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
         ("{", "Expecting property name"),
         ([], "keys id, variant, amount, due, cancelled"),
         ({"variant": "g0", "amuont": 2}, "no key 'amuont'; legal: id, variant, amount, due, cancelled"),
-        ({"variant": "g0", "amount": True}, "amount is True, not int"),
+        ({"variant": "g0", "amount": True}, "amount is true, not a whole number"),
         ({"variant": "g0", "amount": 0}, "legal: 1 to 100000"),
         ({"variant": "g0", "due": "soon"}, "write it as 2026-11-26T14:00"),
         ({"id": "", "variant": "g0"}, "it has 1 to 60 letters"),
-        ({"amount": 2}, "variant is None"),
+        ({"amount": 2}, "variant is ''; legal: g0"),
+        ({"variant": "g0", "due": None}, "due is null, not text"),
+        ("9" * 5000, "it is an object with the keys"),
+        ('{"variant": "g0"', "it is no JSON: Expecting ',' delimiter (character 16)"),
     ],
 )
 def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: object, what: str) -> None:
@@ -67,6 +70,50 @@ def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: ob
         WorkOrders(GOALS, path)
     assert str(told.value).startswith(f"{path}:2: this is no work order: ")
     assert what in str(told.value)
+
+
+def test_a_line_that_is_edited_changes_its_order_and_the_others_stay(tmp_path: Path) -> None:
+    path = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0", "amount": 3}, {"variant": "g1"})
+    orders = WorkOrders(GOALS, path)
+    orders.open(0.0)
+    path.write_text(path.read_text().replace('"amount": 3', '"amount": 5'))
+    assert [(order.id, order.amount) for order in orders.open(LOOK_S)] == [("A", 5), ("1", 1)]
+    path.write_text("")  # as an editor leaves it for a moment
+    orders.open(2 * LOOK_S)
+    written(path, {"id": "B", "variant": "g2"}, {"id": "A", "variant": "g0", "amount": 5}, {"variant": "g1"})
+    assert [order.id for order in orders.open(3 * LOOK_S)] == ["A", "1", "B"]
+
+
+def test_a_file_that_goes_away_is_told_once_and_its_orders_stay(tmp_path: Path) -> None:
+    path = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0"})
+    orders = WorkOrders(GOALS, path)
+    path.unlink()
+    assert [[order.id for order in orders.open(number * LOOK_S)] for number in range(3)] == [["A"]] * 3
+    assert orders.news == [f"{path}: cannot be read: No such file or directory; the orders that are known stay"]
+
+
+def test_the_file_of_a_cell_with_a_book_names_its_orders_as_every_run_reads_it(tmp_path: Path) -> None:
+    path, book = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0"}), Book(tmp_path / "book.sqlite")
+    for _ in range(2):
+        assert [order.id for order in WorkOrders(GOALS, path, book).open(0.0)] == ["A"]
+    with pytest.raises(InputError, match=r"orders.jsonl:2: this is no work order: id is missing"):
+        WorkOrders(GOALS, written(path, {"variant": "g1"}), book)
+
+
+def test_a_file_of_an_editor_that_marks_utf_8_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "orders.jsonl"
+    path.write_text('{"variant": "g1"}\r\n', encoding="utf-8-sig")
+    assert [order.variant for order in WorkOrders(GOALS, path).open(0.0)] == ["g1"]
+
+
+def test_times_in_any_writing_are_told_apart(tmp_path: Path) -> None:
+    dues = {"a": "2026-11-26 14:00", "b": "20261125T1400", "c": "2026-11-24T14:00:30+00:00", "d": "2026-11-26T13:59"}
+    path = written(
+        tmp_path / "orders.jsonl", *({"id": name, "variant": "g0", "due": due} for name, due in dues.items())
+    )
+    found = WorkOrders(GOALS, path).open(0.0)
+    assert [order.id for order in found] == ["c", "b", "d", "a"]
+    assert {len(order.due) for order in found} == {len("2026-11-26T14:00")}
 
 
 def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:

@@ -124,7 +124,8 @@ class TreeNode:
         abstract: said by a class that is only a base of others, and no node of its own; not inherited.
         status: how it stands between two ticks.
         feedback_message: what it says about itself, to people.
-        what_if: what would have let it answer otherwise, to people: "if p4 were seen empty".
+        what_if: what would have let it answer otherwise, to people: "if p4 were seen empty"; that of a class is what
+            would have let it succeed.
         uid: number in the tree, counted from 1 in the order of the file.
         full_path: names from the main tree to this node.
     """
@@ -189,10 +190,9 @@ class TreeNode:
         Args:
             history: what the nodes of the tree answered.
         """
-        if self.feedback_message:
-            return Decision((), self.feedback_message, self.what_if)
+        what_if = vars(self).get("what_if", "") if answer is SUCCESS else self.what_if
         silent = f" without a word: {_first_line(type(self))}" if answer is FAILURE else ""
-        return Decision((), f"{VERBS[answer]}{silent}", self.what_if)
+        return Decision((), self.feedback_message or f"{VERBS[answer]}{silent}", what_if)
 
     @final
     def compare(

@@ -149,8 +149,8 @@ class Reason:
     def otherwise(self) -> str:
         """What would have changed the answer: "if ..."."""
         own = next((step.otherwise for step in reversed(self.steps) if step.otherwise), "")
-        others = (reason.otherwise for reason in reversed(self.beside) if reason.otherwise and self._counts(reason))
-        return own or next(others, "")
+        others = (reason.otherwise for reason in reversed(self.beside) if reason.tells and self._counts(reason))
+        return own or next(filter(None, others), "")
 
     def __str__(self) -> str:
         """One sentence, like "MoveTo (a.xml:3): no way to park; Inverter (a.xml:2) makes that a failure"."""

@@ -124,6 +124,16 @@ class Needs(Node):
         return Status.FAILURE
 
 
+class Stands(Node):
+    """Says of all its kind what would let it succeed."""
+
+    what_if = "if the arm stood"
+    stands = InputPort(bool)
+
+    def update(self) -> Status:
+        return Status.SUCCESS if self.stands.get() else Status.FAILURE
+
+
 class Talks(Node):
     """Runs, and says what it does."""
 
@@ -234,3 +244,23 @@ def test_while_it_runs_the_sentence_names_what_runs_and_what_let_it(tmp_path: Pa
         assert tree.why() is None
         assert ended(tree, clock, 2) is Status.RUNNING
         assert str(tree.why()) == told
+
+
+def test_what_would_let_a_node_succeed_is_told_where_it_did_not(tmp_path: Path) -> None:
+    found = []
+    for stands in ("true", "false"):
+        tree, clock = loaded(tmp_path, f'<Stands stands="{stands}"/>', (Stands,))
+        ended(tree, clock)
+        reason = tree.why()
+        found.append("" if reason is None else reason.otherwise)
+    assert found == ["", "if the arm stood"]
+
+
+def test_what_changes_nothing_has_no_word_in_what_would(tmp_path: Path) -> None:
+    again = "KeepRunningUntilFailure"
+    beside = f'<{again}><ForceSuccess><Stands stands="false"/></ForceSuccess></{again}>'
+    tree, clock = loaded(tmp_path, f'<Parallel success_count="2">{beside}<Talks/></Parallel>', (Stands, Talks))
+    ended(tree, clock, 2)
+    reason = tree.why()
+    assert reason is not None
+    assert (str(reason), reason.otherwise) == ("Talks (m.xml:3): moving above o3", "")

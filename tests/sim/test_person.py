@@ -150,6 +150,7 @@ def test_a_bad_person_is_refused_with_its_line(tmp_path: Path, text: str) -> Non
         load_person(str(file))
 
 
-def test_an_unknown_person_is_refused_with_the_known_ones() -> None:
+@pytest.mark.parametrize("name", ["nobody", ""])
+def test_an_unknown_person_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(InputError, match="careful, careful_brisk, absent, ordinary, ordinary_brisk, varied, careless"):
-        load_person("nobody")
+        load_person(name)

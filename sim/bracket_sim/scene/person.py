@@ -361,7 +361,7 @@ def load_person(name_or_file: str) -> Person:
         return PERSONS[name_or_file]
     folder = shipped("bracket_cell.config", "people")
     path = kept if (kept := folder / f"{name_or_file}.yaml").is_file() else Path(name_or_file)
-    if not path.exists():
+    if not name_or_file or not path.exists():
         names = ", ".join([*PERSONS, *sorted(file.stem for file in folder.glob("*.yaml"))])
         raise InputError(f"no person and no file {name_or_file!r}; legal: {names}, or a YAML file")
     return load_yaml(path, Person)

@@ -136,14 +136,14 @@ def examine(path: Path, slower: float = 1.0) -> list[Finding]:
     machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
     there = all(finding.ok for finding in (rendering, *machine[3:]) if finding.needed)
     devices = [*_devices(configuration, product), *_examined(configuration, product, slower)] if there else []
-    planners = [_weights(name, configuration, product) for name in ("semantic", "grasp")]
-    own = [Finding(f"configuration {path}", True), _arm(configuration), *_bench(configuration, product, path)]
+    bench = _bench(configuration, product, path) if rendering.ok else ()  # without it the simulator is not loaded
+    own = [Finding(f"configuration {path}", True), _arm(configuration), *bench]
     return [
         *machine,
         *devices,
         *own,
         _detectors(configuration, product),
-        *planners,
+        *(_weights(name, configuration, product) for name in ("semantic", "grasp")),
         *_signed(configuration, path),
         *rest,
     ]

@@ -115,6 +115,20 @@ def test_bins_that_stand_in_each_others_place_are_told_with_their_line(
     assert words in finding.remedy
 
 
+def test_where_the_simulator_cannot_be_loaded_the_table_is_whole(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def unloaded(*_: object) -> None:
+        raise RuntimeError("invalid value for environment variable MUJOCO_GL: nosuch")
+
+    monkeypatch.setattr(simulator, "renders", lambda _: False)
+    monkeypatch.setattr(simulator, "overlapping", unloaded)
+    found = examine(configuration(tmp_path))
+    assert found[0].what.startswith("rendering")
+    assert [finding.what for finding in found if finding.needed and not finding.ok] == [found[0].what]
+    assert any(finding.what.startswith("Python") for finding in found)
+
+
 def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(simulator, "renders", lambda _: False)
     first, *others = examine(configuration(tmp_path))

@@ -56,12 +56,13 @@ class EntryUse(NamedTuple):
     """What a script does with an entry.
 
     Attributes:
-        offset: where its name stands in the source.
+        name, offset: what the source calls it, and where.
         sign: the assignment, empty where the entry is only read.
         constant: the value that is assigned, where the script spells it out; else UNSET.
     """
 
     entry: Entry
+    name: str
     offset: int
     sign: str
     constant: Any = UNSET
@@ -202,16 +203,15 @@ class _Parser:
 
     def _assignment(self, name: _Token, sign: str) -> ast.expr:
         if name.text in self._enums:
-            raise ScriptError(
-                f"'{name.text}' is an enum name and cannot be written", name.offset, "choose another name"
-            )
+            what = f"'{name.text}' is an enum name and cannot be written"
+            raise ScriptError(what, name.offset, "choose another name")
         self._next += 2
         first = self._peek()
         value = self._statement()
         spelt_out = self._tokens[self._next - 1] is first
         literal = value.value if spelt_out and isinstance(value, ast.Constant) else UNSET
         entry = self._scope.entry(name.text)
-        self._uses.append(EntryUse(entry, name.offset, sign, literal))
+        self._uses.append(EntryUse(entry, name.text, name.offset, sign, literal))
         known = self._named(entry)
         if sign not in (":=", "="):
             value = _call(sign[0], _read(known), value)
@@ -291,7 +291,7 @@ class _Parser:
         if token.text in self._enums:
             return self._named(self._enums[token.text])
         entry = self._scope.entry(token.text)
-        self._uses.append(EntryUse(entry, token.offset, ""))
+        self._uses.append(EntryUse(entry, token.text, token.offset, ""))
         return _read(self._named(entry))
 
     def _named(self, value: Any) -> ast.Name:

@@ -155,7 +155,7 @@ def _own_written(builder: Builder, own: set[int]) -> list[Problem]:
     """Ports and scripts that write what only the cell itself writes."""
     what = "{} writes {{{}}}, which only the cell itself writes"
     return [
-        Problem(use.place, what.format(use.user, use.entry.name), "read it, or give yours another name")
+        Problem(use.place, what.format(use.user, use.name), "read it, or give yours another name")
         for use in builder.uses
         if use.writes and id(use.entry) in own
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,6 @@ from btxml.files.parse.xml_file import (
 )
 from btxml.views.show import label
 
-_NAME = re.compile(r"@?[^\W\d][\w./-]*")
 FILES_MOST = 500  # of a folder that are searched for mentions
 
 Role = Literal["made", "written", "read", "passed"]
@@ -207,10 +205,8 @@ class Symbols:
         except ScriptError:
             return
         for use in uses:
-            found = _NAME.match(attribute.value, use.offset)
-            name = attribute.value[use.offset :].partition(" ")[0] if found is None else found[0]
             role: Role = "written" if use.sign else "read"
-            yield self._mention(tree, name, attribute.place_at(use.offset), len(name), role, element)
+            yield self._mention(tree, use.name, attribute.place_at(use.offset), len(use.name), role, element)
 
 
 def replace_name(symbol: Symbol, name: str) -> Symbol:

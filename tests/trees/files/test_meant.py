@@ -55,6 +55,14 @@ SOUND = (
 )
 
 
+def test_an_entry_has_the_name_that_its_tree_gives_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    inner = """<Script code="x := 4; y := 'q'"/>\n<ScriptCondition code="x &lt; 5"/>"""
+    trees = f'<BehaviorTree ID="B"><Sequence>{inner}</Sequence></BehaviorTree>'
+    text = ROOT.format(MAIN.format('<SubTree ID="B" x="{y}" y="{x}"/>') + trees)
+    [warning] = found_in(tmp_path, monkeypatch, text).warnings
+    assert str(warning.what) == "'code' of Script writes {y}, and nothing reads it"
+
+
 def found_in(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Findings:
     monkeypatch.chdir(folder)
     file = Path("m.xml")

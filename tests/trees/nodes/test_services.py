@@ -81,7 +81,7 @@ def test_a_port_reads_it_in_its_own_type(load: Load) -> None:
     tree, to = load('<Counts done="{memory_brackets}"/>', registry=registry), services(brackets=2)
     tree.setup(to, ManualClock())
     assert tree.tick() is Status.SUCCESS
-    with pytest.raises(InputError, match=r"port 'done' of Counts is given \{memory_tray_parts\}"):
+    with pytest.raises(InputError, match=r"port 'done' of Counts is given \{@memory_tray_parts\}"):
         load('<Counts done="{@memory_tray_parts}"/>', registry=registry)
 
 
@@ -95,7 +95,7 @@ def test_a_tree_that_writes_it_is_refused(load: Load, nodes: str) -> None:
 
 
 def test_a_field_that_does_not_exist_is_refused(load: Load) -> None:
-    with pytest.raises(InputError, match=r"reads \{memory_held\}, which nothing writes"):
+    with pytest.raises(InputError, match=r"reads \{@memory_held\}, which nothing writes"):
         load("<ScriptCondition code=\"@memory_held == 'o1'\"/>")
 
 

@@ -60,7 +60,7 @@ def _unreadable(group: list[Use]) -> Iterator[Problem]:
             try:
                 converted(use.constant, taker.kind)
             except LiteralError as error:
-                what = f"{use.user} gives {{{use.entry.name}}} {shown(use.constant)}"
+                what = f"{use.user} gives {{{use.name}}} {shown(use.constant)}"
                 yield Problem(use.place, what, f"{taker.user} at {taker.place} takes {a_type(taker.kind)}: {error}")
                 break
 
@@ -74,10 +74,9 @@ def _constant_problems(writers: list[Use], typed: Use) -> list[Problem]:
         converted(value, typed.kind)
     except LiteralError as error:
         if not writers:
-            return [Problem(typed.place, f"{typed.user} is given {{{typed.entry.name}}}: {error}", error.legal)]
-        return [
-            Problem(writers[0].place, f"{writers[0].user}: {error}", f"{typed.user} at {typed.place}: {error.legal}")
-        ]
+            return [Problem(typed.place, f"{typed.user} is given {{{typed.name}}}: {error}", error.legal)]
+        legal = f"{typed.user} at {typed.place}: {error.legal}"
+        return [Problem(writers[0].place, f"{writers[0].user}: {error}", legal)]
     return []
 
 
@@ -121,7 +120,7 @@ def _unwritten(builder: Builder, readers: list[Use]) -> Iterator[Problem]:
     passing = next((call for call in builder.calls if _passed(call, entry)), None)
     if passing is None:
         what = "{} reads {{{}}}, which nothing writes"
-        yield from (Problem(use.place, what.format(use.user, entry.name), "connect what writes it") for use in readers)
+        yield from (Problem(use.place, what.format(use.user, use.name), "connect what writes it") for use in readers)
         return
     key = _passed(passing, entry)
     what = f"'{key}' of SubTree '{passing.element.get('ID')}' reads {{{entry.name}}}, which nothing writes"
@@ -168,7 +167,7 @@ def _is_text(kind: Any) -> bool:
 
 
 def _disagree(use: Use, typed: Use) -> Problem:
-    what = f"{use.user} takes {{{use.entry.name}}} as {type_name(use.kind)}"
+    what = f"{use.user} takes {{{use.name}}} as {type_name(use.kind)}"
     return Problem(use.place, what, f"{typed.user} at {typed.place} has it as {type_name(typed.kind)}")
 
 
@@ -247,9 +246,9 @@ class Order:
 
 def _problem(use: Use, first: Use | None) -> Problem:
     if use.sign == "=":
-        what = f"{use.user} assigns {{{use.entry.name}}} before anything has made it"
+        what = f"{use.user} assigns {{{use.name}}} before anything has made it"
         return Problem(use.place, what, "write :=, which makes it")
-    what = f"{use.user} reads {{{use.entry.name}}} before anything has written it"
+    what = f"{use.user} reads {{{use.name}}} before anything has written it"
     if first is None:
         return Problem(use.place, what, "give it a first value before, by := or by a node that only writes it")
     return Problem(use.place, what, f"{first.user} at {first.place} is the first to write it; put that before")

@@ -77,15 +77,15 @@ def _below(library: Library, element: Element) -> list[Element]:
 def _unread(builder: Builder, by_entry: Mapping[int, list[Use]]) -> Iterator[Problem]:
     """What scripts and ports write, and nothing reads; a port that must be connected has to write somewhere."""
     useful = [group for group in by_entry.values() if any(use.reads for use in group)]
-    read, elsewhere = {group[0].entry.name for group in useful}, {use.place for group in useful for use in group}
+    read, elsewhere = {use.name for group in useful for use in group}, {use.place for group in useful for use in group}
     for key, group in by_entry.items():
-        entry, first = group[0].entry, group[0]
+        first = group[0]
         if key in builder.mentioned or any(use.reads or use.place in elsewhere for use in group):
             continue  # a tree that is called twice has its entries twice
         if all(use.sign or (use.port is not None and (use.names_entry or use.port.optional)) for use in group):
-            near = get_close_matches(entry.name, read, 1, 0.7) if len(read) <= NAMES_N else []
+            near = get_close_matches(first.name, read, 1, 0.7) if len(read) <= NAMES_N else []
             legal = f"did you mean {{{near[0]}}}?" if near else "remove it"
-            yield Problem(first.place, f"{first.user} writes {{{entry.name}}}, and nothing reads it", legal)
+            yield Problem(first.place, f"{first.user} writes {{{first.name}}}, and nothing reads it", legal)
 
 
 def _at_once(builder: Builder, by_entry: Mapping[int, list[Use]]) -> Iterator[Problem]:
@@ -95,7 +95,7 @@ def _at_once(builder: Builder, by_entry: Mapping[int, list[Use]]) -> Iterator[Pr
         both = _both_at_once([use for use in group if use.begins and not use.passes], parents)
         if both is not None:
             first, second = both
-            what = f"{second.user} writes {{{second.entry.name}}} while {first.user} at {first.place} may"
+            what = f"{second.user} writes {{{second.name}}} while {first.user} at {first.place} may"
             yield Problem(second.place, what, "whoever is ticked last wins; give each an entry of its own")
 
 

@@ -29,7 +29,7 @@ class Use:
 
     Attributes:
         kind: type it reads or writes, Any where it does not care.
-        user: what uses it, for messages.
+        name, user: what its tree calls the entry, and what uses it, for messages.
         uid: of the node.
         attribute: name of the port, condition or script in the file.
         required: it fails where nothing has been written.
@@ -40,6 +40,7 @@ class Use:
     """
 
     entry: Entry
+    name: str
     place: Place
     reads: bool
     writes: bool
@@ -181,7 +182,7 @@ class Builder:
         entry = Entry(key)
         entry.value, entry.text = constant(value), value
         inner.remap(key, entry)
-        self.uses.append(Use(entry, place, False, True, Any, f"'{key}' of the SubTree", uid, key))
+        self.uses.append(Use(entry, key, place, False, True, Any, f"'{key}' of the SubTree", uid, key))
 
     def _port(self, node: TreeNode, uid: int, port: Port, element: Element, scope: Scope) -> None:
         attribute = element.attributes.get(port.name)
@@ -194,10 +195,11 @@ class Builder:
             entry = scope.entry(pointer)
             entry.declared = entry.declared or not port.names_entry
             reads, writes = port.direction != "output", port.direction != "input"
-            user = f"port '{port.name}' of {node_tag(element)}"
             needs = reads and not (port.unset_ok or port.names_entry)
-            place = element.place_of(port.name)
-            self.uses.append(Use(entry, place, reads, writes, port.kind, user, uid, port.name, needs, port=port))
+            place, user = element.place_of(port.name), f"port '{port.name}' of {node_tag(element)}"
+            self.uses.append(
+                Use(entry, pointer, place, reads, writes, port.kind, user, uid, port.name, needs, port=port)
+            )
         else:
             entry = Entry(port.name)
             entry.value = self._constant(element, uid, port, attribute, scope)
@@ -221,8 +223,7 @@ class Builder:
 
     def _script(self, attribute: Attribute, uid: int, name: str, label: str, scope: Scope) -> Script:
         script = parse_script(attribute.value, scope, self.registry.enums)
-        for turn, (entry, offset, sign, spelt_out) in enumerate(script.uses, start=1):
-            place, user = attribute.place_at(offset), f"'{name}' of {label}"
-            reads = sign not in (":=", "=")
-            self.uses.append(Use(entry, place, reads, bool(sign), Any, user, uid, name, reads, turn, sign, spelt_out))
+        for turn, (entry, its, offset, sign, value) in enumerate(script.uses, start=1):
+            place, user, reads = attribute.place_at(offset), f"'{name}' of {label}", sign not in (":=", "=")
+            self.uses.append(Use(entry, its, place, reads, bool(sign), Any, user, uid, name, reads, turn, sign, value))
         return script

@@ -34,9 +34,12 @@ class TurnLock:
             return
         self._owner = None
         with self._inner:
-            self._free = not self._waiting
-            if self._waiting:
-                self._waiting.popleft().release()
+            self._hand_on()
+
+    def _hand_on(self) -> None:
+        self._free = not self._waiting
+        if self._waiting:
+            self._waiting.popleft().release()
 
     def _wait_for_turn(self) -> None:
         with self._inner:
@@ -46,4 +49,12 @@ class TurnLock:
             turn = threading.Lock()
             turn.acquire()
             self._waiting.append(turn)
-        turn.acquire()
+        try:
+            turn.acquire()
+        except BaseException:  # who is interrupted waits no longer; a turn that came meanwhile goes to the next
+            with self._inner:
+                if turn in self._waiting:
+                    self._waiting.remove(turn)
+                else:
+                    self._hand_on()
+            raise

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
+
+import pytest
 
 from bracket_sim.twin.turn_lock import TurnLock
 
@@ -68,3 +71,29 @@ def test_many_threads_never_hold_it_together() -> None:
         one.join(LIMIT_S)
     assert not any(one.is_alive() for one in threads)
     assert most == [1]
+
+
+def test_who_is_interrupted_while_waiting_loses_no_turn_of_others() -> None:
+    lock, holds, ends = TurnLock(), threading.Event(), threading.Event()
+
+    def other() -> None:
+        with lock:
+            holds.set()
+            ends.wait(LIMIT_S)
+
+    holder = threading.Thread(target=other, daemon=True)
+    holder.start()
+    holds.wait(LIMIT_S)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with pytest.raises(KeyboardInterrupt), lock:
+            pass
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    ends.set()
+    holder.join(LIMIT_S)
+    after = threading.Thread(target=other, daemon=True)
+    after.start()
+    after.join(LIMIT_S)
+    assert not after.is_alive()

@@ -164,8 +164,8 @@ class Controller:
     def _until_end(self, tree: TickedTree, services: TickServices) -> _Ending:
         try:
             return self._loop(tree, services)
-        except Interrupted as interrupted:
-            return _Ending("interrupted", str(interrupted))
+        except (Interrupted, KeyboardInterrupt) as interrupted:  # the latter from what watches the run
+            return _Ending("interrupted", str(interrupted) or "interrupted")
         except BaseException as error:  # the outermost loop: whatever happened, arm and gripper stop first
             return _Ending("fault", describe(error), traceback.format_exc())
 

@@ -137,9 +137,14 @@ class Fork(Injection):
             self.child, self._answer = True, writing
             return None
         os.close(writing)
-        with os.fdopen(reading) as answer:
-            text = answer.read()
-        _, status = os.waitpid(process, 0)
+        try:
+            with os.fdopen(reading) as answer:
+                text = answer.read()
+        except KeyboardInterrupt:  # nobody waits for the child any more
+            os.kill(process, signal.SIGKILL)
+            raise
+        finally:
+            _, status = os.waitpid(process, 0)
         found: Row = json.loads(text) if text else _broken(fault, self.state, self.seed, status)
         return found
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bracket_cell.settings import ControllerSettings
-from bracket_cell.watching.observer import EXIT_STATUS, Outcome
+from bracket_cell.watching.observer import EXIT_STATUS, Outcome, TickRecord
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.command import Display, GripperCommand, JointTrajectory
 from bracket_ground.interfaces.observation import ArmState
@@ -138,6 +138,20 @@ def test_any_exception_of_a_node_is_a_safe_stop_and_its_tick_is_recorded() -> No
     assert "raising" in outcome.detail or "act" in outcome.detail
     assert [record.status for record in rig.observer.records][-2:] == ["ERROR", "STOPPING"]
     assert len(rig.observer.records) == outcome.ticks == 4 + 1
+    assert stopped_safely(rig, tree.halts)
+
+
+def test_an_interrupted_observer_is_no_fault_of_the_run() -> None:
+    """As where it keeps rows of trials, and a signal ended one of them."""
+    rig = Rig()
+
+    def tick(record: TickRecord) -> None:
+        if record.status != "STOPPING":
+            raise KeyboardInterrupt
+
+    rig.observer.tick = tick  # type: ignore[method-assign]
+    outcome, tree = rig.run(after(9, Status.SUCCESS))
+    assert (outcome.end, outcome.reason) == ("interrupted", "interrupted")
     assert stopped_safely(rig, tree.halts)
 
 

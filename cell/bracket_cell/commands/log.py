@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -25,9 +24,9 @@ from bracket_cell.commands.log_terminal import (
     tell_entries,
     tell_json,
     tell_lack,
-    tell_nothing,
 )
 from bracket_cell.commands.options import OUT_HELP, HtmlOption, JsonOption, WithOption, always_loaded, user_files
+from bracket_cell.commands.terminal import complain
 from bracket_cell.production.book import NAME, Book, csv_lines
 from bracket_ground.errors import CellError, InputError
 
@@ -112,7 +111,7 @@ def ticks(
 
     stream = streamed(log, from_s, until_s)
     found = question.ticks(stream, from_s, until_s, everything)
-    tell_entries(found, as_json, lambda tick: "\n".join(tick_lines(tick)))
+    tell_entries(found, as_json, lambda tick: "\n".join(tick_lines(tick)), log[0])
     tell_lack(log, stream)
 
 
@@ -122,11 +121,7 @@ def why(log: LogArgument, at_s: AtOption = math.inf, as_json: JsonOption = False
     from bracket_cell.log.replay.why import why_at
     from bracket_cell.log.report.text import why_lines
 
-    reasons = why_at(log, at_s)
-    if as_json:
-        tell_json(reasons)
-    else:
-        say(*why_lines(reasons))
+    tell_entries([why_at(log, at_s)], as_json, lambda reasons: "\n".join(why_lines(reasons)), log[0])
 
 
 @log_app.command()
@@ -150,7 +145,7 @@ def query(
     from bracket_cell.log.report.text import entry_text
 
     stream = streamed(log, from_s, until_s)
-    tell_entries(question.query(stream, asked), as_json, lambda entry: entry_text(entry, LONGEST_VALUE))
+    tell_entries(question.query(stream, asked), as_json, lambda entry: entry_text(entry, LONGEST_VALUE), log[0])
     tell_lack(log, stream)
 
 
@@ -180,7 +175,7 @@ def _nodes(log: list[Path], as_json: bool) -> None:
     found = node_statistics(stream := streamed(log))
     tell_lack(log, stream)
     if not any(node.ticks for node in found):
-        tell_nothing()
+        complain("nothing of that is in the log")
     elif as_json:
         for node in found:
             tell_json(vars(node))
@@ -251,7 +246,7 @@ def list_runs(
     if where is not None and (sql is not None or failures):
         raise InputError("--where goes with the list of runs and with --statistics")
     for problem in index.refresh(folder):
-        sys.stderr.write(f"cell: left out: {problem}\n")
+        complain(f"left out: {problem}")
     columns = index.LISTED if statistics is None else "*"
     names, rows = index.ask(folder, sql or (index.FAILURES if failures else index.listing(where, columns)))
     if html is not None:

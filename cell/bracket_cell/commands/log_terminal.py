@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bracket_cell.commands.terminal import complain, printable
 from bracket_ground.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ OWN_PAGE = b'<meta name="generator" content="cell">'
 SHOWN_NODES = 15
 HALF_DIGIT_S = 0.005  # times are printed with two decimals
 
-_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 _ADDRESS = re.compile(r"([a-z0-9]{2,}):/+")
 
 
@@ -85,7 +85,7 @@ def read(paths: Sequence[Path]) -> Log:
 
     log = read_log(paths[0] if len(paths) == 1 else paths)
     if log.unfinished:
-        sys.stderr.write(f"cell: {log.path}: {log.unfinished}\n")
+        complain(f"{log.path}: {log.unfinished}")
     return log
 
 
@@ -105,7 +105,7 @@ def tell_lack(paths: Sequence[Path], stream: LogStream) -> None:
     files = files_of(paths[0]) if len(paths) == 1 else list(paths)
     for lack in (stream.unfinished,) if list(stream.parts) == files else stream.gaps:
         if lack:
-            sys.stderr.write(f"cell: {stream.path}: {lack}\n")
+            complain(f"{stream.path}: {lack}")
 
 
 def spared(target: Path, sources: Iterable[Path], overwrite: bool | None = None) -> Path:
@@ -162,9 +162,7 @@ def tell_comparison(
     """
     whole = ticks_of_run is None or comparison.ticks >= ticks_of_run
     if altered:
-        sys.stderr.write(
-            "cell: what the run saw was changed after the recording: the inputs do not match their digest\n"
-        )
+        complain("what the run saw was changed after the recording: the inputs do not match their digest")
     if as_json:
         tell_json(
             {**comparison.as_json(), "compared_of": ticks_of_run, "unfinished": unfinished, "inputs_altered": altered}
@@ -206,18 +204,18 @@ def _tell_differences(
     say(f"all ticks that differ, with what follows from it: {counts}", *nodes)
 
 
-def tell_entries(entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str]) -> None:
-    """Entries one after the other, in words or an object a line; that there are none is said on standard error."""
+def tell_entries(
+    entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str], log: Path
+) -> None:
+    """Entries of a log one by one, in words or an object a line; that there are none is said on standard error."""
+    from bracket_cell.log.read.ticks import holding
+
     count = 0
     for count, entry in enumerate(entries, 1):  # noqa: B007 - counted to say where nothing was found
-        sys.stdout.write((json.dumps(entry) if as_json else text(entry)) + "\n")
+        with holding(log, f"what is there at {entry['time_s']} s"):
+            say(json.dumps(entry) if as_json else text(entry))
     if not count:
-        tell_nothing()
-
-
-def tell_nothing() -> None:
-    """On standard error, as no answer."""
-    sys.stderr.write("cell: nothing of that is in the log\n")
+        complain("nothing of that is in the log")
 
 
 def tell_json(answer: Mapping[str, object]) -> None:
@@ -226,5 +224,5 @@ def tell_json(answer: Mapping[str, object]) -> None:
 
 
 def say(*lines: str) -> None:
-    """Lines on standard output; what a log holds moves no cursor and turns no text round."""
-    sys.stdout.writelines(f"{_CONTROLS.sub(lambda found: ascii(found[0])[1:-1], line)}\n" for line in lines)
+    """Lines on standard output."""
+    sys.stdout.writelines(f"{printable(line)}\n" for line in lines)

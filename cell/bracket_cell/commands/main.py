@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bracket_cell.commands.options import with_usual
-from bracket_cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table
+from bracket_cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table, complain
 from bracket_cell.packages import LABORATORY, SIMULATOR, offers
 from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
 from btxml.engine.errors import TreeError
@@ -165,5 +165,5 @@ def _interrupted() -> int:
 
 def _complain(text: str, status: int) -> int:
     if text:  # none where the help was printed
-        sys.stderr.write(f"cell: {text}\n")
+        complain(text)
     return status

@@ -14,7 +14,7 @@ import typer
 
 from bracket_cell.commands.log_terminal import AtOption, spared
 from bracket_cell.commands.options import HtmlOption, OverwriteOption, WithOption, always_loaded, user_files
-from bracket_cell.commands.terminal import console
+from bracket_cell.commands.terminal import complain, console
 from bracket_ground.errors import InputError, LogError
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _logged(log: Path, at_s: float, own_nodes: Iterable[str]) -> TreeAt:
     shown = tree_at(stream, at_s, own_nodes)
     tell_lack([log], stream)
     if shown.last and at_s > shown.time_s:
-        sys.stderr.write(f"cell: {log}: ends at {shown.time_s:.2f} s; this is its last tick\n")
+        complain(f"{log}: ends at {shown.time_s:.2f} s; this is its last tick")
     return shown
 
 

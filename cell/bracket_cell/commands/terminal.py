@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +24,17 @@ if TYPE_CHECKING:
 ENTRY_POINTS = "cell.commands"
 BAD_INPUT, SAFE_STOP = 2, 3  # exit statuses
 BESIDE = "CELL_BESIDE"  # set in the environment of a command that another one runs and waits for
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """A text that moves no cursor and turns none round, whatever the file holds that it was read from."""
+    return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def complain(text: str) -> None:
+    """Say on standard error what is wrong, or missing."""
+    sys.stderr.write(f"cell: {printable(text)}\n")
 
 
 def console() -> Console:

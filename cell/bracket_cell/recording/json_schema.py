@@ -14,6 +14,8 @@ from enum import Enum
 from functools import cache
 from typing import Any
 
+from pydantic_core import CoreSchema, core_schema
+
 Schema = dict[str, Any]
 
 NUMBER: Schema = {"type": "number"}
@@ -21,6 +23,26 @@ INTEGER: Schema = {"type": "integer"}
 TEXT: Schema = {"type": "string"}
 FLAG: Schema = {"type": "boolean"}
 OBJECT: Schema = {"type": "object"}
+_NOT_FINITE = core_schema.literal_schema(["nan", "inf", "-inf"])  # JSON has no word for them
+_PLAIN: Mapping[str, CoreSchema] = {
+    "number": core_schema.union_schema(
+        [core_schema.float_schema(strict=True), _NOT_FINITE],
+        custom_error_type="number", custom_error_message="Input should be a valid number",
+    ),
+    "integer": core_schema.int_schema(strict=True), "string": core_schema.str_schema(strict=True),
+    "boolean": core_schema.bool_schema(strict=True), "object": core_schema.dict_schema(),
+}  # fmt: skip
+
+
+def checked(schema: Schema) -> CoreSchema:
+    """The same for pydantic, which refuses data of other types; what a schema does not name, or is None, may be."""
+    found = _PLAIN.get(schema["type"])
+    if found is None:
+        found = core_schema.list_schema(checked(schema["items"]), strict=True)
+    elif named := schema.get("properties"):
+        fields = {name: core_schema.typed_dict_field(checked(of), required=False) for name, of in named.items()}
+        found = core_schema.typed_dict_schema(fields, extra_behavior="allow")
+    return core_schema.nullable_schema(found)
 
 
 def array(items: Schema) -> Schema:

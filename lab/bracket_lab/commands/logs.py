@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from bracket_cell.commands.log_terminal import LogArgument, read, say, streamed, tell_json, tell_nothing
+from bracket_cell.commands.log_terminal import LogArgument, read, say, streamed, tell_json
 from bracket_cell.commands.options import JsonOption
+from bracket_cell.commands.terminal import complain
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log
 from bracket_ground.errors import LogError
@@ -30,10 +31,7 @@ def files(
         check_name(stream.path, name)
     write_new(out, stream.attachments)
     written = [str(out / name) for name in stream.attachments]
-    if as_json:
-        tell_json({"files": written})
-    else:
-        say(*written)
+    tell_json({"files": written}) if as_json else say(*written)
 
 
 def check_name(log: Path, name: str) -> None:
@@ -53,7 +51,7 @@ def snapshots(
     if as_json:
         tell_json({"files": [str(file) for file in files]})
     elif not files:
-        tell_nothing()
+        complain("nothing of that is in the log")
     else:
         say(*(str(file) for file in files))
 

@@ -9,14 +9,14 @@ from typing import Any, TypeVar
 
 import orjson
 
-from bracket_cell.log.read.mcap_file import McapContent, Message, metadata_of, profile_of, read_mcap
-from bracket_cell.log.read.ticks import SNAPSHOT, Gap, TickBuilder
+from bracket_cell.log.read.mcap_file import McapContent, Message, metadata_of, profile_of, read_mcap, statistics
+from bracket_cell.log.read.ticks import SNAPSHOT, Gap, TickBuilder, holding
 from bracket_cell.log.read.ticks import LoggedTick as LoggedTick  # who reads a log needs them
 from bracket_cell.log.read.ticks import Note as Note
 from bracket_cell.log.read.walk import PROFILE
 from bracket_cell.recording import identity as digest
 from bracket_cell.recording.parts import part_number, parts_of, whole_path
-from bracket_ground.errors import LogError, mistakes
+from bracket_ground.errors import LogError
 
 T = TypeVar("T")
 MOST_DIGITS = 18  # of a count
@@ -201,12 +201,9 @@ def json_of(path: Path, values: Mapping[str, str], name: str, make: Callable[[An
     Raises:
         LogError: it does not hold what it should.
     """
-    try:
+    with holding(path, f"{name} in its metadata"):
         found = orjson.loads(values.get(name, "null"))
         return None if found is None else make(found)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"{name} in its metadata does not hold what it should"
-        raise LogError(path, f"{what}: {mistakes(error)[0]}") from None
 
 
 def files_of(path: Path) -> list[Path]:
@@ -217,11 +214,17 @@ def files_of(path: Path) -> list[Path]:
     return parts if parts and path == parts[0] else [path]
 
 
+def refuse_foreign(path: Path) -> None:
+    """Raises LogError where an MCAP file says that another program wrote it; one that was not closed may not say."""
+    names = metadata_of(path) or ({"run"} if statistics(path) is None else {})
+    if (profile := profile_of(path)) not in (PROFILE, None) and "run" not in names:
+        raise LogError(path, f"is not a log of this program: an MCAP file with profile {profile!r}")
+
+
 def _parts(paths: Sequence[Path]) -> Iterator[_Part]:
     before: _Part | None = None
     for path in paths:
-        if (profile := profile_of(path)) not in (PROFILE, None) and "run" not in (metadata_of(path) or {"run"}):
-            raise LogError(path, f"is not a log of this program: an MCAP file with profile {profile!r}")
+        refuse_foreign(path)
         content = read_mcap(path)
         if content.profile not in (PROFILE, None) and "run" not in content.metadata:
             raise LogError(path, f"is not a log of this program: an MCAP file with profile {content.profile!r}")

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from bracket_cell.log.read.reader import Log, LoggedTick, files_of, json_of, read_log
-from bracket_ground.errors import InputError, LogError, mistakes
+from bracket_cell.log.read.ticks import holding
+from bracket_ground.errors import InputError, LogError
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.resume import ResumeState
@@ -47,13 +48,10 @@ def after_tick(left: ResumeState, tick: LoggedTick, product: Product, path: Path
     Raises:
         LogError: a note does not hold what it should.
     """
-    try:
+    with holding(path, f"a note of tick {tick.number} at {tick.time_s:.2f} s"):
         for topic, fields in tick.notes:
             if not (remembers and topic == "skill"):
                 left = _after(left, topic, fields, product)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"a note of tick {tick.number} at {tick.time_s:.2f} s does not hold what it should"
-        raise LogError(path, f"{what}: {mistakes(error)[0]}") from None
     return left
 
 

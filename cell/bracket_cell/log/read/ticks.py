@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import orjson
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
+from pydantic_core import SchemaValidator, core_schema
 
 from bracket_cell.log.read.mcap_file import Message
-from bracket_cell.recording.json_schema import with_nulls
-from bracket_ground.errors import LogError, mistakes
+from bracket_cell.recording.json_schema import checked, with_nulls
+from bracket_cell.recording.schemas import TOPICS, schema
+from bracket_ground.errors import InputError, LogError, mistakes
 from bracket_ground.interfaces.observation import NOBODY, ArmState, GripperState, ObjectStatus, Observation, Trouble
 from bracket_ground.interfaces.operator import OperatorState
 from bracket_ground.interfaces.perception import BenchView, PartsView
@@ -24,6 +27,9 @@ Note = tuple[str, dict[str, Any]]
 OF_A_TICK = ("/judgement", "/tick", "/command", "/display", "/timing")
 FROM_OUTSIDE = {"/edit": "edit", "/hook": "hook"}
 SNAPSHOT = "/snapshot"
+WRONG = (ValueError, TypeError, LookupError, AttributeError, StopIteration, InputError)  # what wrong data raise
+ANY = SchemaValidator(core_schema.dict_schema())
+TYPES = {topic: SchemaValidator(checked(schema(topic))) for topic in TOPICS}
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,19 @@ class Gap:
             if self.first == self.last
             else f"ticks {self.first} to {self.last} are missing"
         )
+
+
+@contextmanager
+def holding(log: Path, what: str) -> Iterator[None]:
+    """What wrong data of a log raise in here is told in words, by its name.
+
+    Raises:
+        LogError: some did.
+    """
+    try:
+        yield
+    except WRONG as error:
+        raise LogError(log, f"{what} does not hold what it should: {mistakes(error)[0]}") from None
 
 
 class _Pending:
@@ -145,24 +164,21 @@ class TickBuilder:
             LogError: it does not fit.
         """
         topic = message.topic
-        try:
+        with holding(self._path, f"message of {topic} at {message.time_ns / 1e9:.3f} s"):
             if topic == "/bench":
-                self._bench = _read(BenchView, _fields(message.data))
+                self._bench = _read(BenchView, _fields(topic, message.data))
             elif topic == "/parts":
-                self._parts = _read(PartsView, _fields(message.data))
+                self._parts = _read(PartsView, _fields(topic, message.data))
             elif topic == "/observation":
-                self._open(_fields(message.data))
+                self._open(_fields(topic, message.data))
             elif topic in FROM_OUTSIDE:
-                self._outside.append((FROM_OUTSIDE[topic], _fields(message.data)))
+                self._outside.append((FROM_OUTSIDE[topic], _fields(topic, message.data)))
             elif topic == "/state":
-                state = _fields(message.data)
+                state = _fields(topic, message.data)
                 if self._pending is not None:
                     self._pending.state = state
             elif topic in OF_A_TICK or topic.startswith("/note/"):
-                self._add(topic, _fields(message.data))
-        except (ValueError, LookupError, TypeError, AttributeError, ValidationError) as error:
-            what = f"message of {topic} at {message.time_ns / 1e9:.3f} s does not hold what it should"
-            raise LogError(self._path, f"{what}: {mistakes(error)[0]}") from None
+                self._add(topic, _fields(topic, message.data))
 
     def begin(self, first: int | None) -> None:
         """Before the first message: the number of the first tick; None where it may be any."""
@@ -224,8 +240,6 @@ class TickBuilder:
 
     def _add(self, topic: str, fields: dict[str, Any]) -> None:
         number = fields.pop("tick")
-        if topic == "/judgement":
-            fields["reasons"] = [_reason(reason) for reason in fields["reasons"]]
         if self._pending is None or number != self._pending.number:
             if self.lossy:
                 return  # of a tick that lost its beginning: it counts as missing
@@ -249,21 +263,21 @@ class TickBuilder:
             raise LogError(self._path, f"tick {number} has no message of /tick")
 
 
-def _fields(data: bytes) -> dict[str, Any]:
-    found = orjson.loads(data)
-    if not isinstance(found, dict):
-        raise ValueError(f"is {type(found).__name__} and no object")
+def _fields(topic: str, data: bytes) -> dict[str, Any]:
+    """Of a message, of the types that its topic has; reasons of a judgement are pairs in older logs."""
+    found: dict[str, Any] = orjson.loads(data)
+    if topic == "/judgement":
+        pairs = ("signal", "words")
+        found["reasons"] = [
+            row if isinstance(row, dict) else dict(zip(pairs, row, strict=False)) for row in found["reasons"]
+        ]
+    TYPES.get(topic, ANY).validate_python(found)
     return found
 
 
 def _read(kind: Any, fields: Any) -> Any:
     """A dataclass from its plain data; what was None was not written."""
     return _adapter(kind).validate_python(with_nulls(kind, fields))
-
-
-def _reason(reason: Any) -> dict[str, str]:
-    """A reason of a judgement; older logs have pairs."""
-    return reason if isinstance(reason, dict) else {"signal": reason[0], "words": reason[1]}
 
 
 @cache

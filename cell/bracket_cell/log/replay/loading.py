@@ -10,12 +10,13 @@ from bracket_cell.configuration import Configuration, load_configuration, load_f
 from bracket_cell.kinds import DETECTORS, PLANNERS, KindSettings, files_of
 from bracket_cell.learned.inference.onnx_model import digest_of
 from bracket_cell.log.read.reader import Log, json_of
-from bracket_cell.log.replay.logged_tree import WRONG, nodes_missing, recorded_table, unpacked
+from bracket_cell.log.read.ticks import holding
+from bracket_cell.log.replay.logged_tree import nodes_missing, recorded_table, unpacked
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.services import Planners, load_planners
-from bracket_ground.errors import InputError, LogError, mistakes
+from bracket_ground.errors import InputError, LogError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.faults import FaultTable
 from bracket_ground.interfaces.product import Product
@@ -81,10 +82,8 @@ def _load(log: Log, changes: Changes, folder: Path) -> tuple[Configuration, Prod
     )
     recorded = folder / "faults.yaml"
     own = changes.configuration is None and recorded.exists()
-    try:
+    with holding(log.path, "its table of faults"):
         faults = recorded_table(recorded.read_text("utf-8")) if own else load_faults(configuration)
-    except WRONG as error:
-        raise LogError(log.path, f"has a table of faults that cannot be read: {mistakes(error)[0]}") from None
     configuration, _ = with_detectors_for(configuration, product)  # as the run had it
     configuration = _with_weights(log, configuration, changes)
     return configuration, product, load_planners(configuration, product), tree, faults

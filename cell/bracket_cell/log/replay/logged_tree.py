@@ -15,12 +15,13 @@ from bracket_cell.configuration import Configuration
 from bracket_cell.learned.classical.settings import PerceptionSettings
 from bracket_cell.learned.semantic.settings import NewGoals
 from bracket_cell.log.read.reader import Log, LogStream
+from bracket_cell.log.read.ticks import holding
 from bracket_cell.settings import LogSettings
 from bracket_cell.skills.drivers.settings import CanSettings
 from bracket_cell.skills.motion.settings import MotionSettings, SeparationSettings
 from bracket_cell.trees.node_library import node_registry, own_code, python_files
 from bracket_cell.trees.rules import RULES, Rules
-from bracket_ground.errors import InputError, LogError, mistakes
+from bracket_ground.errors import InputError, LogError
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml, read_data
@@ -44,7 +45,6 @@ UR10_OF_OLD = "package://example-robot-data/robots/ur_description/urdf/ur10_robo
 UR10 = "package://ur10/ur10.urdf"
 FOLDER, NODES = "tree/", "nodes/"
 PRODUCT = "product.yaml"
-WRONG = (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError)  # what wrong data raise
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
@@ -212,10 +212,8 @@ def write_files(log: Log | LogStream, files: Mapping[str, bytes], folder: Path) 
             why = getattr(error, "strerror", None) or error
             raise LogError(log.path, f"has an attachment that can be no file: {name!r:.99}: {why}") from None
     if CONFIGURATION in files:
-        try:
+        with holding(log.path, "its configuration"):
             upgrade(log, folder)
-        except WRONG as error:
-            raise LogError(log.path, f"has a configuration that cannot be read: {mistakes(error)[0]}") from None
 
 
 def logged_bench(log: Log) -> Bench:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bracket_cell.log.read.reader import Log, LoggedTick, json_of
-from bracket_cell.log.read.ticks import Gap
+from bracket_cell.log.read.ticks import Gap, holding
 from bracket_cell.log.replay.compare import (
     Comparison,
     Decisions,
@@ -254,12 +254,8 @@ class Replay:
         elif kind == "edit":
             self._exchange(fields["files"])
         else:
-            try:
+            with holding(self.log.path, "an order of a monitor"):
                 ORDERS[fields["order"]](self._hooks, fields["body"])
-            except (ValueError, KeyError, TypeError) as error:
-                raise LogError(
-                    self.log.path, f"an order of a monitor cannot be repeated: {mistakes(error)[0]}"
-                ) from None
 
     def _exchange(self, texts: Mapping[str, str]) -> None:
         """Let an edited tree take over as it did in the run."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from bracket_cell.log.replay.compare import Difference, causes_in
@@ -41,7 +42,8 @@ def note_text(topic: str, fields: Mapping[str, Any]) -> str:
     """A note of a node."""
     for (of, needed), (head, template) in NOTE_TEXTS.items():
         if of == topic and (not needed or needed in fields):
-            return f"{head:10} {template(fields)}"
+            with suppress(KeyError, ValueError, TypeError, AttributeError):  # else as it is
+                return f"{head:10} {template(fields)}"
     return f"{topic:10} {short(fields)}"
 
 
@@ -95,10 +97,7 @@ NOTE_TEXTS: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any]], st
     ("belief", "goals"): ("belief", _belief),
     ("plan", "guidance"): ("guidance", _guidance),
     ("plan", "next"): ("plan", _next),
-    ("plan", "required"): (
-        "plan",
-        lambda note: f"part {note['required']}: {note['solution']} (graspable {note['graspable']:.1%})",
-    ),
+    ("plan", "required"): ("plan", _grasp),
     ("verdict", "decision"): ("guard", _verdict),
     ("skill", "node"): ("skill", lambda note: f"{note['node']} {note.get('status')}: {note.get('reason')}"),
     ("cause", "relation"): ("compared", lambda note: cause_text(note).removeprefix("compared").strip()),

@@ -101,7 +101,7 @@ def test_nodes_that_a_log_names_count_where_they_are_its_own_and_nothing_is_writ
 )
 def test_a_configuration_that_is_none_is_one_clear_error(files: dict[str, bytes], tmp_path: Path) -> None:
     log = Log(tmp_path / "log.mcap", files, {}, {}, (), ())
-    with pytest.raises(LogError, match="has a configuration that cannot be read"):
+    with pytest.raises(LogError, match="its configuration does not hold what it should"):
         write_files(log, files, tmp_path)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import socket
+import termios
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,6 +44,10 @@ def test_no_message_quotes_an_error_of_the_system_as_it_is() -> None:
         (TimeoutError("timed out"), "timed out"),
         (OSError("it hung up"), "it hung up"),
         (ValueError("no number"), "no number"),
+        (OSError(), "OSError"),
+        (termios.error(5, "Input/output error"), "Input/output error"),
+        (OSError("could not open port /dev/x: [Errno 2] No such file"), "could not open port /dev/x: No such file"),
+        (OSError(2, "could not open port /dev/x: [Errno 2] No such file"), "could not open port /dev/x: No such file"),
     ],
 )
 def test_the_words_of_an_error(error: Exception, words: str) -> None:

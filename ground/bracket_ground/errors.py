@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+ERRNO = re.compile(r"\[Errno -?\d+\] ")
 ENDLESS = re.compile(r"(\w{40})\w{216,}")  # a word that is longer than any name of a file
 
 
@@ -29,9 +30,10 @@ def _rebuilt(kind: type[CellError], arguments: tuple[object, ...], fields: dict[
 
 
 def words_of(error: BaseException) -> str:
-    """What the operating system says of an error, or of the one that a library wrapped, without number and path."""
+    """What the operating system says of an error, or of the one that a library wrapped or quotes, without numbers."""
     behind = error.__cause__ if isinstance(error.__cause__, OSError) else error
-    return str(getattr(behind, "strerror", None) or behind)
+    words = behind.args[1] if len(behind.args) == 2 and isinstance(behind.args[0], int) else behind
+    return ERRNO.sub("", str(getattr(behind, "strerror", None) or words)) or type(error).__name__
 
 
 def mistakes(error: BaseException) -> list[str]:

@@ -21,7 +21,7 @@ from bracket_cell.skills.drivers.settings import (
     StreamSettings,
     V4l2Settings,
 )
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, words_of
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import DeviceCheck
@@ -178,7 +178,7 @@ class GrabbingCamera:
 
 def _words(error: Exception) -> str:
     """What a driver raised, on one line: an OSError says all in its words, others in their type, too."""
-    text = " ".join(str(error).split())
+    text = " ".join(words_of(error).split())
     return text if isinstance(error, OSError) and text else f"{type(error).__name__}: {text}"
 
 

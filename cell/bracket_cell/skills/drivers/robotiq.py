@@ -247,7 +247,7 @@ class RegisterGripper:
             except Exception as error:  # whatever a wire raises, such as termios.error: told, and it is opened again
                 failures += 1
                 with self._lock:
-                    self._trouble = str(error) or type(error).__name__
+                    self._trouble = words_of(error)
                 if not isinstance(error, TimeoutError) or failures % FAILURES == 0:
                     self._let_go()
             self._wake.wait(RETRY_S if self._wire is None else PERIOD_S)
@@ -345,7 +345,7 @@ class ModbusWire:
             answer = ask()
         except ModbusIOException as error:
             raise TimeoutError("no answer, or a damaged one") from error
-        except ModbusException as error:
+        except (ModbusException, OSError) as error:
             raise ConnectionError(f"{self._port} cannot be used any more") from error
         if answer.isError():
             raise TimeoutError("it answers that it does not know the registers")

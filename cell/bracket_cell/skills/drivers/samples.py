@@ -142,7 +142,7 @@ class SampleReceiver(Generic[Told]):
                 self._keep(self._connection.receive())
                 self.trouble = ""
             except Exception as error:  # the outermost loop: a stranger's connection may raise anything
-                self.trouble = str(error) or type(error).__name__
+                self.trouble = words_of(error)
                 self._connection.close()
                 self._connect_again()
 
@@ -151,7 +151,7 @@ class SampleReceiver(Generic[Told]):
             try:
                 self._connection = self._connect()
             except Exception as error:  # likewise
-                self.trouble = str(error) or type(error).__name__
+                self.trouble = words_of(error)
                 self._ended.wait(AGAIN_S)
             else:
                 return

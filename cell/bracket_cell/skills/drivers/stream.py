@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from bracket_cell.remote.channel import Channel, Message
+from bracket_ground.errors import words_of
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.devices import KEEP_ALIVE_S
 from bracket_ground.interfaces.paced_path import PacedPath
@@ -148,23 +149,19 @@ def serve(link: bytes, folder: str, period_s: float, slower: float, connection: 
     try:
         wire: Link = pickle.loads(link)()
     except Exception as error:  # a maker's client may raise anything, here and below: the outermost loop
-        channel.send(Lost(_words(error)), LISTENS_S)
+        channel.send(Lost(words_of(error)), LISTENS_S)
         return
     stream = _Stream(wire, channel, period_s, slower)
     try:
         stream.run()
         wire.close()
     except Exception as error:  # the controller's own watchdog stops the arm
-        stream.say(Lost(f"the controller takes no set points: {_words(error)}"))
+        stream.say(Lost(f"the controller takes no set points: {words_of(error)}"))
 
 
 def _left(blended: float) -> float:
     """Share of the way from the path that is still there."""
     return float(0.5 * (1 + np.cos(np.pi * blended)))
-
-
-def _words(error: Exception) -> str:
-    return str(error) or type(error).__name__
 
 
 class _Stream:

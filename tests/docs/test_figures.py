@@ -140,10 +140,11 @@ def test_options_and_files_that_commands_name_exist(name: str, cell: Any) -> Non
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_benchmarks_and_tests_that_commands_name_exist(name: str) -> None:
+def test_benchmarks_trees_and_configurations_that_commands_name_exist(name: str) -> None:
     text = (FIGURES / f"{name}.json").read_text()
-    modules = set(re.findall(r"python -m (tests(?:\.\w+)+)", text))
-    assert [module for module in modules if not (ROOT / f"{module.replace('.', '/')}.py").exists()] == []
+    modules = {f"{name.replace('.', '/')}.py" for name in re.findall(r"python -m (tests(?:\.\w+)+)", text)}
+    files = set(re.findall(r"\b(?:trees|config)/[\w/]+\.(?:xml|yaml)", text))
+    assert [name for name in modules | files if not (ROOT / name).exists()] == []
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -56,18 +56,22 @@ def photographs_of(folder: Path) -> list[Path]:
 
 
 def cut_hands(image: Image, hands: MediaPipeHands) -> Iterator[CutHand]:
-    """Each hand that MediaPipe finds in a photograph, cut out."""
-    for found in hands.picture(image):
-        points = bench_points(found.points_px)
-        scale = WORKED_PX / float(np.linalg.norm(points["palm"] - points["wrist"]))
-        seen, landmarks = image, found.points_px
-        if scale < 1:
-            seen = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-            landmarks = landmarks * scale
-        mask = _cut(seen, landmarks, WORKED_PX if scale < 1 else WORKED_PX / scale)
-        around = cv2.dilate((mask > 0.05).astype(np.uint8), np.ones((5, 5), np.uint8))
+    """Each hand that MediaPipe finds in a photograph, cut out; what lies behind it shows none of them."""
+    found = hands.picture(image)
+    for hand in found:
+        points = bench_points(hand.points_px)
+        length_px = float(np.linalg.norm(points["palm"] - points["wrist"]))
+        scale = min(1.0, WORKED_PX / length_px)
+        seen = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        mask = _cut(seen, hand.points_px * scale, length_px * scale)
+        around = (mask > 0.05).astype(np.uint8)
+        for other in (other for other in found if other is not hand):
+            outline = cv2.convexHull((other.points_px * scale).astype(np.int32))
+            cv2.fillConvexPoly(around, outline, 1)
+            cv2.polylines(around, [outline], True, 1, round(LIKELY * length_px * scale))
+        around = cv2.dilate(around, np.ones((5, 5), np.uint8)).astype(np.uint8)
         behind = np.asarray(cv2.inpaint(np.ascontiguousarray(seen), around, 3, cv2.INPAINT_TELEA), np.uint8)
-        yield CutHand(seen, behind, mask, landmarks, found.left > 0.5)
+        yield CutHand(seen, behind, mask, hand.points_px * scale, hand.left > 0.5)
 
 
 def _cut(image: Image, points: Array, length_px: float) -> NDArray[np.float32]:

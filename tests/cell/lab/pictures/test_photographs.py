@@ -49,13 +49,13 @@ def photograph(points: Array) -> Image:
 
 
 class Teacher:
-    """Says where the one hand is (MediaPipeHands)."""
+    """Says where the hands are (MediaPipeHands)."""
 
-    def __init__(self, points: Array | None) -> None:
-        self._points = points
+    def __init__(self, *hands: Array) -> None:
+        self._hands = hands
 
     def picture(self, image: Image) -> list[Landmarks]:  # noqa: ARG002
-        return [] if self._points is None else [Landmarks(self._points, np.zeros((21, 3)), 1.0, 0.1)]
+        return [Landmarks(points, np.zeros((21, 3)), 1.0, 0.1) for points in self._hands]
 
 
 def cut(turn: float = 0.3) -> CutHand:
@@ -69,6 +69,18 @@ def test_a_hand_is_cut_out_of_its_photograph() -> None:
     assert hand.mask[at_palm[1], at_palm[0]] > 0.9
     assert hand.mask[beside[1], beside[0]] == 0
     assert np.abs(hand.behind[at_palm[1], at_palm[0]].astype(int) - WALL).max() < 60
+
+
+def test_no_other_hand_of_the_photograph_stays_behind_a_hand() -> None:
+    """Unlabelled, and mirrored beyond the photograph's edge, it would be learned as no hand."""
+    one, other = landmarks(np.array([80.0, 200.0])), landmarks(np.array([220.0, 200.0]))
+    image = photograph(one)
+    image[:, 150:] = photograph(other)[:, 150:]
+    for hand in cut_hands(image, Teacher(one, other)):  # type: ignore[arg-type]
+        scale = hand.behind.shape[1] / image.shape[1]
+        for points in (one, other):
+            column, row = (bench_points(points)["palm"] * scale).round().astype(int)
+            assert np.abs(hand.behind[row, column].astype(int) - WALL).max() < 60
 
 
 def test_some_arms_are_as_bare_as_the_hand_and_others_in_a_sleeve() -> None:
@@ -132,7 +144,7 @@ def test_a_folder_without_photographs_is_told(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("none")
     with pytest.raises(InputError, match=r"holds no photographs; legal are \.png"):
         photographs_of(tmp_path)
-    assert list(cut_hands(np.zeros((50, 50, 3), np.uint8), Teacher(None))) == []  # type: ignore[arg-type]
+    assert list(cut_hands(np.zeros((50, 50, 3), np.uint8), Teacher())) == []  # type: ignore[arg-type]
 
 
 def test_a_glove_hides_the_skins_colour_and_keeps_what_lies_around() -> None:

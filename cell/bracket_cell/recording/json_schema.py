@@ -35,14 +35,15 @@ _PLAIN: Mapping[str, CoreSchema] = {
 
 
 def checked(schema: Schema) -> CoreSchema:
-    """The same for pydantic, which refuses data of other types; what a schema does not name, or is None, may be."""
+    """The same for pydantic, which refuses data of other types; what it does not name, or is None in it, may be."""
     found = _PLAIN.get(schema["type"])
     if found is None:
-        found = core_schema.list_schema(checked(schema["items"]), strict=True)
+        found = core_schema.list_schema(core_schema.nullable_schema(checked(schema["items"])), strict=True)
     elif named := schema.get("properties"):
-        fields = {name: core_schema.typed_dict_field(checked(of), required=False) for name, of in named.items()}
+        kinds = {name: core_schema.nullable_schema(checked(of)) for name, of in named.items()}
+        fields = {name: core_schema.typed_dict_field(kind, required=False) for name, kind in kinds.items()}
         found = core_schema.typed_dict_schema(fields, extra_behavior="allow")
-    return core_schema.nullable_schema(found)
+    return found
 
 
 def array(items: Schema) -> Schema:

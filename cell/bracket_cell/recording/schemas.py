@@ -71,7 +71,7 @@ _FIELDS: dict[str, dict[str, Schema]] = {
     "/edit": {**TICK, "files": OBJECT},
     "/hook": {**TICK, "order": TEXT},
     "/snapshot": {**TICK, "statuses": OBJECT, "blackboard": OBJECT, "display": record(Display)},
-    "/state": {**TICK, "nodes": array(OBJECT), "lost": TEXT},
+    "/state": {**TICK, "lost": TEXT},  # the rest is lists of several kinds
     "/truth": {
         **dict.fromkeys(("kind", "act", "action", "edge", "part", "position"), TEXT),
         **dict.fromkeys(("name", "posture", "robot", "human"), TEXT),

@@ -29,7 +29,7 @@ FROM_OUTSIDE = {"/edit": "edit", "/hook": "hook"}
 SNAPSHOT = "/snapshot"
 WRONG = (ValueError, TypeError, LookupError, AttributeError, StopIteration, InputError)  # what wrong data raise
 ANY = SchemaValidator(core_schema.dict_schema())
-TYPES = {topic: SchemaValidator(checked(schema(topic))) for topic in TOPICS if topic != "/state"}  # it is checked later
+TYPES = {topic: SchemaValidator(checked(schema(topic))) for topic in TOPICS}
 
 
 @dataclass(frozen=True)

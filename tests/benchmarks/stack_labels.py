@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +20,24 @@ from rich.progress import track
 from rich.table import Table
 
 from bracket_cell.fleet.intervals import wilson
-from bracket_lab.stacks.draw import LIFT_M, MOVED_M, Standing, order_of_taking, stand
+from bracket_lab.stacks.draw import LIFT_M, MOVED_M, Rests, Standing, stand
 from bracket_sim.stacks.settings import StackSettings
 
 FINE_STEP_S = 0.001
 SPEEDS_M_S = (0.08, 0.30)
 SETTLE_S = 0.3  # after each one that is taken away
 BAR = 0.99
+
+
+def order_of_taking(rests: Rests, wanted: int) -> Sequence[int]:
+    """What is to be taken before an object, in an order that works: what lies on top goes first."""
+    left = set(np.flatnonzero(rests[:, wanted]).tolist())
+    order: list[int] = []
+    while left:
+        free = min(thing for thing in left if not rests[list(left), thing].any())
+        order.append(free)
+        left.remove(free)
+    return order
 
 
 @dataclass(frozen=True)

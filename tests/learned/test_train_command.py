@@ -18,8 +18,9 @@ from bracket_cell.learned.semantic.records import save_demonstrations
 from bracket_ground.files.files import shipped
 from bracket_lab.commands.training.weights import shipped_weights
 from bracket_lab.learned.semantic.paper_planner import load_semantic_planner
-from bracket_lab.learned.semantic.scenarios import demonstrations_of, scenarios
+from bracket_lab.learned.semantic.scenarios import scenarios
 from tests.learned.products import DEFAULT, HARDER
+from tests.learned.semantic.demonstrated import demonstrations_of
 
 
 @pytest.fixture

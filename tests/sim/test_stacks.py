@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from bracket_ground.interfaces.stacks import VMRD_CLASSES
-from bracket_lab.stacks.draw import KINDS, Standing, depth, draw_stack, draw_thing, order_of_taking, relations, stand
+from bracket_lab.stacks.draw import KINDS, Standing, depth, draw_stack, draw_thing, relations, stand
 from bracket_sim.stacks.pieces import Thing, box, disc
 from bracket_sim.stacks.settings import StackSettings
 from bracket_sim.stacks.stacking import carriers_of
 from bracket_sim.stacks.stage import Stage, table_with
+from tests.benchmarks.stack_labels import order_of_taking
 
 SLAB = Thing((box((0.2, 0.15, 0.03), (0, 0, 0.015), (0.5, 0.4, 0.3)), disc(0.02, 0.001, (0, 0, 0.03), (1, 1, 1))))
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -60,17 +60,6 @@ def depth(rests: Rests) -> int:
     for _ in range(count):
         longest = np.where(rests, longest[None] + 1, 0).max(axis=1, initial=0)
     return int(longest.max(initial=0))
-
-
-def order_of_taking(rests: Rests, wanted: int) -> Sequence[int]:
-    """What is to be taken before an object, in an order that works: what lies on top goes first."""
-    left = set(np.flatnonzero(rests[:, wanted]).tolist())
-    order: list[int] = []
-    while left:
-        free = min(thing for thing in left if not rests[list(left), thing].any())
-        order.append(free)
-        left.remove(free)
-    return order
 
 
 def _linked(stage: Stage) -> Rests:

@@ -17,8 +17,9 @@ from bracket_cell.learned.semantic.records import (
     save_demonstrations,
 )
 from bracket_ground.errors import InputError
-from bracket_lab.learned.semantic.scenarios import demonstrations_of, scenarios, states_of
+from bracket_lab.learned.semantic.scenarios import scenarios, states_of
 from tests.learned.products import DEFAULT, HARDER
+from tests.learned.semantic.demonstrated import demonstrations_of
 
 LAYOUT = Layout.of(DEFAULT)
 ORDER = ("p6", "p1", "p3")

@@ -196,8 +196,8 @@ def test_without_habits_the_factored_network_is_the_exact_posterior() -> None:
 @pytest.mark.long
 def test_training_on_a_file_of_demonstrations(tmp_path: Path) -> None:
     from bracket_cell.learned.semantic.records import save_demonstrations
-    from bracket_lab.learned.semantic.scenarios import demonstrations_of
     from bracket_lab.learned.semantic.train import train_semantic
+    from tests.learned.semantic.demonstrated import demonstrations_of
 
     data, out = tmp_path / "some.jsonl", tmp_path / "planner"
     save_demonstrations(data, DEFAULT, demonstrations_of(LAYOUT, scenarios(LAYOUT, 0)), "a test")

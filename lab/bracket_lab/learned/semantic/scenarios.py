@@ -13,7 +13,7 @@ from itertools import product as combinations
 import numpy as np
 
 from bracket_cell.learned.semantic.graph import EMPTY, Bools, Floats, Ints, Layout
-from bracket_cell.learned.semantic.records import Demonstration, PlacementRecord
+from bracket_cell.learned.semantic.records import Demonstration
 from bracket_lab.learned.semantic.misdetection import Scenarios
 
 
@@ -27,21 +27,6 @@ def states_of(layout: Layout, demonstrations: Sequence[Demonstration]) -> Scenar
     rows = [row for demonstration in known for row in _rows(layout, demonstration)]
     goals, seen, following = zip(*rows, strict=True)
     return Scenarios(np.array(goals), np.array(seen), np.array(following))
-
-
-def demonstrations_of(layout: Layout, whole: Scenarios) -> list[Demonstration]:
-    """Scenarios as demonstrations: a state in no order, and the placement that followed it."""
-    return [
-        Demonstration(
-            goal=layout.goals[goal],
-            placements=tuple(
-                PlacementRecord(part=layout.parts[layout.types[goal, i]], position=layout.positions[i])
-                for i in [*np.flatnonzero(seen != EMPTY), following]
-            ),
-            unordered_n=int((seen != EMPTY).sum()),
-        )
-        for goal, seen, following in zip(whole.goals, whole.seen, whole.following, strict=True)
-    ]
 
 
 def _rows(layout: Layout, demonstration: Demonstration) -> Iterator[tuple[int, list[int], int]]:

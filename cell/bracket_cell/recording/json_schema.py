@@ -40,7 +40,7 @@ def checked(schema: Schema) -> CoreSchema:
     if found is None:
         found = core_schema.list_schema(core_schema.nullable_schema(checked(schema["items"])), strict=True)
     elif named := schema.get("properties"):
-        kinds = {name: core_schema.nullable_schema(checked(of)) for name, of in named.items()}
+        kinds = {name: checked(of) for name, of in named.items()}
         fields = {name: core_schema.typed_dict_field(kind, required=False) for name, kind in kinds.items()}
         found = core_schema.typed_dict_schema(fields, extra_behavior="allow")
     return found

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from bracket_cell.log.read.reader import read_log
+from bracket_cell.recording import rotation
 from bracket_cell.recording import sink as log_sink
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.recording.sink import LogSink
@@ -47,6 +48,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     disk = Disk()
     monkeypatch.setattr(os, "pwrite", disk.pwrite)
     monkeypatch.setattr(log_sink, "RETRY_S", 0.001)
+    monkeypatch.setattr(rotation, "PATIENCE_S", 10.0)  # a busy machine is no disk that refuses
     return disk
 
 

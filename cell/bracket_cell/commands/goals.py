@@ -82,20 +82,18 @@ def add(
     config: ConfigOption = CONFIGURATION,
 ) -> None:
     """Add a goal by hand, or say how often one was finished: never, to forget what was learned of it."""
-    goals = _load(file, config)
+    goals, path = _load(file, config), _path(file, config)
     if finished == 0 and name not in goals.finished:
         raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
     if finished == 0:
         left = {key: goal for key, goal in goals.finished.items() if key != name}
-        replace(goals, finished=left).save(_path(file, config))
+        replace(goals, finished=left).save(path)
         return
     added = {name: FinishedGoal(parts=tuple(parts or ()), finished=finished)}
     changed = replace(goals, finished=goals.finished | added)
-    changed.check(_path(file, config))
-    changed.save(_path(file, config))
-    console().print(
-        f"{name} ({' '.join(added[name].parts)}), finished {finished}, in {_path(file, config)}", highlight=False
-    )
+    changed.check(path)
+    changed.save(path)
+    console().print(f"{name} ({' '.join(added[name].parts)}), finished {finished}, in {path}", highlight=False)
 
 
 def _path(file: Path | None, config: Path) -> Path:

@@ -14,7 +14,7 @@ from bracket_cell.commands.log_terminal import LogArgument, beside, read, say, s
 from bracket_cell.commands.options import OUT_HELP, JsonOption, OverwriteOption
 from bracket_cell.commands.terminal import Command, console, table
 from bracket_cell.packages import LABORATORY
-from bracket_ground.errors import LogError
+from bracket_ground.errors import InputError, LogError
 
 LOSSY = 3
 
@@ -49,7 +49,7 @@ def export_log(
     damaged MCAP file, as a complete one; status 3 if something is lost.
     """
     if to is ExportFormat.recovered:
-        return _recover(log[0], out or log[0].with_suffix(".recovered.mcap"), as_json)
+        return _recover(log, out or beside(log, ".recovered.mcap"), overwrite, as_json)
     from bracket_cell.log.report.export import export
 
     if to is ExportFormat.training:
@@ -59,31 +59,37 @@ def export_log(
     if to is ExportFormat.lerobot:
         from bracket_cell.log.training.lerobot import write_lerobot
 
+        _require_each_once(log)
         folder = out or beside(log, ".lerobot")
         rows = write_lerobot([read([path]) for path in log], folder)
         _tell_export(folder, "rows", rows, as_json)
         return 0
-    tables = {ExportFormat.transitions, ExportFormat.notes}
-    endings = {ExportFormat.video: ".mp4", ExportFormat.candump: ".can.log"}
-    ending = endings.get(to, f".{to.value}.parquet" if to in tables else f".{to.value}")
+    tables = {"transitions": ".transitions.parquet", "notes": ".notes.parquet"}
+    ending = {"video": ".mp4", "candump": ".can.log", **tables}.get(to, f".{to}")
     target = spared(out or beside(log, ending), log, overwrite)
     count = export(read(log), to.value, target)
     words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rosbag2": "messages"}
-    what = words.get(to.value, "rows")
-    _tell_export(target, what, count, as_json)
+    _tell_export(target, words.get(to, "rows"), count, as_json)
     return 0
 
 
-def _recover(log: Path, target: Path, as_json: bool) -> int:
+def _recover(logs: Sequence[Path], whole: Path, overwrite: bool, as_json: bool) -> int:
+    """Each part of a log becomes one of the new log, and is told in a line of its own."""
+    from bracket_cell.log.read.reader import files_of
     from bracket_cell.log.read.salvage import recover
+    from bracket_cell.recording.parts import part_number, part_path, whole_path
 
-    loss = recover(log, target)
-    if as_json:
-        tell_json({"recovered": str(target), "lossy": loss.lossy, **loss.plain()})
-    else:
+    files = files_of(logs[0]) if len(logs) == 1 else list(logs)
+    if len({whole_path(file) for file in files}) > 1:
+        raise InputError("these are several logs; recover one after the other")
+    named = {file: part_path(whole, part_number(file) or 1) if len(files) > 1 else whole for file in files}
+    made = {file: spared(out, files, overwrite) for file, out in named.items()}
+    losses = {out: recover(file, out) for file, out in made.items()}
+    for out, loss in losses.items():
         kind = f"; this is {loss.foreign}" if loss.foreign else ""
-        say(f"{target}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines()))
-    return LOSSY if loss.lossy else 0
+        lines = f"{out}: {'lossy' if loss.lossy else 'nothing is lost'}{kind}", *(f"  {line}" for line in loss.lines())
+        tell_json({"recovered": str(out), "lossy": loss.lossy, **loss.plain()}) if as_json else say(*lines)
+    return LOSSY if any(loss.lossy for loss in losses.values()) else 0
 
 
 def write_training(logs: Sequence[Path], out: Path, as_json: bool) -> None:

@@ -67,13 +67,8 @@ def modeline(path: str) -> str:
 
 def schema_texts(registry: Registry) -> dict[str, str]:
     """Texts of the schemas by file name: one for each kind of YAML file, and one for tree files."""
-    models: dict[str, type[Model]] = {
-        "cell": Configuration,
-        "products": Product,
-        "faults": FaultTable,
-        "robot": RobotModel,
-        "gripper": Gripper,
-    }
+    models: dict[str, type[Model]] = {"cell": Configuration, "products": Product, "faults": FaultTable}
+    models |= {"robot": RobotModel, "gripper": Gripper}
     found = installed()
     made = {name: model.model_json_schema() for name, model in models.items()} | dict(found.schemas() if found else {})
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$comment": MARK}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -91,6 +92,9 @@ def test_the_command_takes_several_logs_for_a_data_set(
 ) -> None:
     out = tmp_path / "set"
     logs = [str(assembly_log.path)] * 2
+    assert main(["log", "export", *logs, "--to", "lerobot", "--out", str(out)]) == 2
+    assert "is named twice" in capsys.readouterr().err
+    logs[1] = shutil.copy(logs[0], str(tmp_path / "other.mcap"))
     assert main(["log", "export", *logs, "--to", "lerobot", "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"] == json.loads((out / "meta/info.json").read_text())["total_frames"]

@@ -12,7 +12,9 @@ from bracket_cell.log.read.records import opened
 from bracket_cell.log.read.ticks import Gap
 from bracket_cell.log.read.walk import PROFILE, McapScanner
 from bracket_cell.recording.copying import CopyingWriter
+from bracket_cell.recording.parts import part_number
 from bracket_ground.errors import LogError
+from bracket_ground.files.files import whole_or_none
 
 CHUNK_BYTES = 64 * 1024
 
@@ -23,7 +25,7 @@ class Loss:
 
     Attributes:
         bytes_skipped: of the damaged file.
-        ticks_missing: spans that are not there between 0 and the last tick.
+        ticks_missing: spans that are not there between 0, in a later part its first tick, and the last tick.
         messages_missing: by topic, from the numbers that messages have in their channel.
         unclosed: the end is missing; what came after the last record is unknown.
         unchecked: the file's own checksum tells of a change in a place that no other checksum covers.
@@ -63,7 +65,7 @@ class Loss:
 
 
 def recover(path: Path, out: Path) -> Loss:
-    """Write what can be salvaged of a log as a complete file; only a chunk of it is in memory.
+    """Write what can be salvaged of one file of a log as a complete file; only a chunk of it is in memory.
 
     Messages of own logs are numbered anew; the loss stands in the metadata `recovered`.
 
@@ -71,33 +73,28 @@ def recover(path: Path, out: Path) -> Loss:
         LogError: the log cannot be read, holds nothing of an MCAP file, or the new file cannot be written.
     """
     try:
-        with opened(path) as data, out.open("xb") as stream:
+        with opened(path) as data, whole_or_none(out) as partial, partial.open("wb") as stream:
             writer = CopyingWriter(stream, CHUNK_BYTES)
             walk = McapScanner(data, writer)
             writer.renumber = walk.profile == PROFILE
             writer.start(walk.profile or "", "cell log export --to recovered")
             walk.run()
-            loss = _loss(walk)
+            loss = _loss(walk, part_number(path) or 1)
             if not any(walk.kept.values()) and (loss.lossy or not walk.begins):
                 raise LogError(path, "holds nothing that can be salvaged")
             if loss.lossy:
                 writer.note("recovered", {name: json.dumps(value) for name, value in loss.plain().items()})
             writer.finish()
-    except FileExistsError:
-        raise LogError(out, "exists already; choose another file with --out") from None
     except OSError as error:
         raise LogError(out, f"cannot be written: {error.strerror or error}") from None
-    except LogError:
-        out.unlink(missing_ok=True)
-        raise
     return loss
 
 
-def _loss(walk: McapScanner) -> Loss:
+def _loss(walk: McapScanner, part: int) -> Loss:
     profile = walk.profile or ""
     return Loss(
         bytes_skipped=walk.skipped,
-        ticks_missing=tuple(_gaps(walk.ticks)),
+        ticks_missing=tuple(_gaps(sorted(walk.ticks), 0 if part == 1 or not walk.ticks else min(walk.ticks)[0])),
         messages_missing=dict(walk.missing),
         unclosed=not (walk.closed and walk.ends),
         unchecked=walk.unchecked,
@@ -106,10 +103,9 @@ def _loss(walk: McapScanner) -> Loss:
     )
 
 
-def _gaps(spans: list[list[int]]) -> Iterator[Gap]:
-    """What is missing from 0 to the last of spans, which may stand in any order."""
-    expected = 0
-    for first, last in sorted(spans):
+def _gaps(spans: list[list[int]], expected: int) -> Iterator[Gap]:
+    """What is missing from a tick to the last of spans in order."""
+    for first, last in spans:
         if first > expected:
             yield Gap(expected, first - 1)
         expected = max(expected, last + 1)

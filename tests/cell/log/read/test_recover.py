@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import random
 import struct
 import time
@@ -17,6 +18,7 @@ from bracket_cell.log.read.mcap_file import McapContent, read_mcap
 from bracket_cell.log.read.reader import read_log
 from bracket_cell.log.read.records import HEAD, MAGIC
 from bracket_cell.log.read.salvage import Loss, recover
+from bracket_cell.recording.copying import CopyingWriter
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.settings import LogSettings
 from bracket_ground.errors import LogError
@@ -59,6 +61,44 @@ def test_a_cut_log_becomes_a_complete_one(whole: bytes, tmp_path: Path) -> None:
     assert len(official) == len(read_mcap(path).messages) > 0
     assert len(read_log(recovered).ticks) == len(read_log(path).ticks) > 0
     assert read_mcap(recovered).unfinished == ""
+
+
+def test_the_first_part_stands_for_all_and_a_later_part_for_itself(
+    whole: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for part, begin in ((1, 0), (2, 100)):
+        recorder = McapRecorder(tmp_path / f"run.000{part}.mcap", LogSettings(), Heading({"seed": "5"}, {}))
+        for number in range(TICKS):
+            recorder.tick(record(begin + number))
+        recorder.close(OUTCOME)
+    first, later = tmp_path / "run.0001.mcap", tmp_path / "run.0002.mcap"
+    assert main(["log", "export", "--to", "recovered", str(later)]) == 0
+    later.write_bytes(later.read_bytes()[:-40])
+    assert main(["log", "export", "--to", "recovered", str(first)]) == 3
+    told = capsys.readouterr().out.splitlines()
+    assert told[1:3] == [
+        f"{tmp_path / 'run.recovered.0001.mcap'}: nothing is lost",
+        f"{tmp_path / 'run.recovered.0002.mcap'}: lossy",
+    ]
+    assert read_mcap(tmp_path / "run.recovered.0001.mcap") == read_mcap(first)
+    assert main(["log", "export", "--to", "recovered", str(first)]) == 2
+    assert main(["log", "export", "--to", "recovered", str(first), "--overwrite"]) == 3
+    (other := tmp_path / "other.mcap").write_bytes(whole)
+    assert main(["log", "export", "--to", "recovered", str(first), str(other), "--overwrite"]) == 2
+    assert "several logs" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_no_piece(whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    path.write_bytes(whole)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(CopyingWriter, "finish", full)
+    with pytest.raises(LogError, match=r"out\.mcap: cannot be written: No space"):
+        recover(path, out)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_damaged_chunk_costs_its_own_tick_only(whole: bytes, tmp_path: Path) -> None:

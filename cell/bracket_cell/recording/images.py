@@ -10,7 +10,7 @@ from typing import Any
 
 import cv2
 
-from bracket_ground.errors import DeviceFault, InputError
+from bracket_ground.errors import DeviceFault, InputError, words_of
 from bracket_ground.interfaces.frame import Frame
 
 Files = tuple[bytes, bytes]  # a JPEG of the image and a PNG of the depth, empty where there is none
@@ -51,20 +51,15 @@ class Video:
         self._frames += 1
 
     def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate_hz, size)
-        if not writer.isOpened():
-            raise InputError(f"{self._name}: the video cannot be written: {self._obstacle()}")
-        return writer
-
-    def _obstacle(self) -> str:
-        """Why there is no file, which the encoder does not say."""
-        folder = self._path.parent
+        problem, folder = f"{self._name}: the video cannot be written", self._path.parent
+        if self._path.suffix != ".mp4":  # the encoder takes others for patterns of images
+            raise InputError(f"{problem}: its name must end in .mp4")
         try:
-            with TemporaryFile(dir=folder):
-                return "its name must end in .mp4"
+            folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):  # the encoder does not say why it makes no file
+                return cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate_hz, size)
         except OSError as error:
-            return f"no file can be made in {folder}: {error.strerror or error}"
+            raise InputError(f"{problem}: no file can be made in {folder}: {words_of(error)}") from None
 
     def close(self) -> int:
         """How many frames there are; 0 where there is no file.

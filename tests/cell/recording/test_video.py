@@ -46,12 +46,14 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("/proc/a.mp4", "no file can be made in /proc: "), ("a.txt", "must end in")]
+    ("name", "said"),
+    [("/proc/a.mp4", "no file can be made in /proc: "), ("a.txt", "must end in"), ("a.avi", "must end in")],
 )
 def test_what_hinders_the_encoder_is_told(
-    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=f"{name}: the video cannot be written: .*{said}"):
         Video(Path(name), 15.0).add(noise(0))
     assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""

@@ -25,6 +25,7 @@ from btxml.engine.node import StatusChange
 Convert = Callable[[Any], Any]
 
 TICKED = frozenset(("RUNNING", "SUCCESS", "FAILURE", "SKIPPED"))  # statuses of a root that was asked
+DIGITS = 19  # of an integer that may need more than 64 bits
 TICK = {"tick": INTEGER}
 TEXTS = array(TEXT)
 NUMBERS = array(NUMBER)
@@ -115,11 +116,12 @@ def plain_or_text(value: object) -> Any:
 
 
 def json_bytes(value: object) -> bytes:
-    """Plain data as JSON; what the fast encoder cannot hold (huge integers, half characters) the slow one can."""
+    """Plain data as JSON that every reader takes: huge integers as text, a question mark for half characters."""
     try:
         return orjson.dumps(value)
     except orjson.JSONEncodeError:
-        return json.dumps(value, allow_nan=False).encode()
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False).encode(errors="replace")
+        return orjson.dumps(json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < DIGITS else digits))
 
 
 def tick_json(tick: int, status: str, changes: Iterable[StatusChange]) -> bytes:

@@ -24,9 +24,10 @@ from bracket_cell.settings import PageSettings
 from bracket_cell.viewing.advice import ended_advice
 from bracket_cell.viewing.gate import Address
 from bracket_cell.viewing.page.state import BRACKETS_N, bracket_data
-from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of
+from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, posted
 from bracket_ground.errors import InputError
 
+MOST_NUMBER = 2**63 - 1  # of a bracket or run that the book can be asked for
 BEAT_S = 1.0  # between two states while no run goes on
 NO_ANSWER = "the run does not answer; use the stop button at the cell"
 
@@ -176,7 +177,7 @@ class CellServer(WebServer):
         """What somebody found who looked at a finished bracket."""
         if type(run) is not int or type(number) is not int or type(right) is not bool:
             return PlainTextResponse("an inspection has run and number, and right: true or false", 400)
-        found = self._book.inspected(run, number, right)
+        found = max(run, number) <= MOST_NUMBER and self._book.inspected(run, number, right)
         return Response(status_code=204) if found else PlainTextResponse("there is no such finished bracket", 409)
 
     async def _begin(self, request: Request) -> Response:
@@ -191,13 +192,12 @@ class CellServer(WebServer):
         return Response(status_code=204)
 
     async def _pair(self, request: Request) -> Response:
-        body = await body_of(request)
-        if isinstance(body, Response):
-            return body
+        read = await posted(request)
+        if isinstance(read, Response):
+            return read
         try:
-            read = json.loads(body)
             token, role = self._paired.pair(str(read["code"]), str(read["name"]))
-        except (ValueError, TypeError, KeyError, RecursionError):
+        except (TypeError, KeyError, IndexError):
             return PlainTextResponse("code and name are wanted", 400)
         except InputError as error:
             return PlainTextResponse(str(error), 403)
@@ -207,14 +207,9 @@ class CellServer(WebServer):
         """The JSON that somebody posts who may operate, or what refuses it."""
         if self._token(request) != "operate":
             return PlainTextResponse("this page is view-only; pair it with the code that `cell serve` shows", 401)
-        body = await body_of(request)
-        if isinstance(body, Response):
-            return body
-        try:
-            read = json.loads(body)
-        except (ValueError, RecursionError) as error:
-            return PlainTextResponse(f"this is not an order: {error}", 400)
-        return read if isinstance(read, dict) else PlainTextResponse("this is not an order: it is no object", 400)
+        read = await posted(request)
+        known = isinstance(read, dict | Response)
+        return read if known else PlainTextResponse("this is not an order: it is no object", 400)
 
 
 def _event(name: str, data: str) -> bytes:

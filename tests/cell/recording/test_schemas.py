@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import jsonschema
+import orjson
 import pytest
 from mcap.reader import make_reader
 
 from bracket_cell.log.read.reader import Log
 from bracket_cell.recording.json_schema import fields_of, with_nulls, without_nulls
-from bracket_cell.recording.schemas import TOPICS, plain, schema
+from bracket_cell.recording.schemas import TOPICS, json_bytes, plain, schema
 from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView
 
 UNNAMED = {"/snapshot", "/edit", "/hook"}  # what they hold is named by the tree, the files and the monitor
@@ -116,3 +117,9 @@ class Odd:
 
 def test_fields_that_viewers_cannot_read_are_left_unnamed() -> None:
     assert fields_of(Odd) == {"name": {"type": "string"}, "points": {"type": "array", "items": {"type": "number"}}}
+
+
+def test_what_is_written_is_read_whatever_a_node_of_ones_own_notes() -> None:
+    """An integer of 400 digits, or half a character, made a log that no command read."""
+    odd = {"huge": 10**400, "large": -(2**70), "half": "a\ud800b", "small": 7}
+    assert orjson.loads(json_bytes(odd)) == {"huge": str(10**400), "large": str(-(2**70)), "half": "a?b", "small": 7}

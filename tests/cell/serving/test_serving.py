@@ -240,6 +240,7 @@ def test_an_inspection_makes_quality_known(served: Served) -> None:
     assert 'cell_oee_ratio{share="quality"} 0' in served.ask("/metrics")[1]
     assert served.ask("/production.csv")[1].splitlines()[1].split(",")[10] == "wrong"
     assert served.ask("/order", {**inspection, "number": 2})[0] == 409
+    assert served.ask("/order", {**inspection, "run": 2**63})[0] == 409
     assert served.ask("/order", {**inspection, "number": "2"})[0] == 400
 
 

@@ -7,7 +7,6 @@ newest one when it has taken the one before, of that what changed, and a client 
 from __future__ import annotations
 
 import asyncio
-import json
 import secrets
 import time
 from collections import deque
@@ -24,7 +23,7 @@ from starlette.types import Receive, Scope, Send
 from bracket_cell.production.samples import Sample, metrics_of
 from bracket_cell.settings import PageSettings
 from bracket_cell.viewing.gate import Address
-from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, body_of, same
+from bracket_cell.viewing.page.web import NO_ROLE, Role, WebServer, posted, same
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.operator import OperatorOrder, OrderKind
@@ -179,15 +178,13 @@ class PageServer(WebServer):
         if self._token(request) != "operate":
             problem = "this page is view-only; to give orders, open the address that `cell run` printed"
             return PlainTextResponse(problem, 401)
-        body = await body_of(request)
-        if isinstance(body, Response):
-            return body
+        read = await posted(request)
+        if isinstance(read, Response):
+            return read
         try:
-            order = _order_of(json.loads(body))
-        except (ValueError, TypeError, RecursionError) as error:
+            self._obey(_order_of(read))
+        except ValueError as error:
             return PlainTextResponse(f"this is not an order: {error}", 400)
-        try:
-            self._obey(order)
         except InputError as error:
             return PlainTextResponse(str(error), 409)
         return Response(status_code=204)

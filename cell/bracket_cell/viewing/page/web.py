@@ -9,7 +9,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 from ssl import SSLError
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import orjson
 import uvicorn
@@ -24,7 +24,7 @@ from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door, handed_over
 from bracket_cell.viewing.gate import LOOPBACK, Address
 from bracket_cell.viewing.page.callers import POLICY, Connection, NamedAlone
-from bracket_ground.errors import InputError, words_of
+from bracket_ground.errors import InputError, mistakes, words_of
 from bracket_ground.files.words.catalogue import catalogue, languages
 
 STATIC = Path(__file__).parent / "static"
@@ -153,8 +153,8 @@ class WebServer:
         return Response(orjson.dumps(fields), media_type="application/json")
 
 
-async def body_of(request: Request) -> bytes | Response:
-    """The JSON that was posted, or what refuses it."""
+async def posted(request: Request) -> Any:
+    """What the JSON says that was posted, or the Response that refuses it."""
     if request.headers.get("content-type", "").partition(";")[0] != "application/json":
         return PlainTextResponse("an order must be JSON", 415)
     body = b""
@@ -166,7 +166,10 @@ async def body_of(request: Request) -> bytes | Response:
                     return PlainTextResponse("the order is too long", 413)
     except TimeoutError:
         return PlainTextResponse("the order did not come to its end", 408)
-    return body
+    try:
+        return orjson.loads(body)
+    except ValueError as error:
+        return PlainTextResponse(f"this is not an order: it {mistakes(error)[0]}", 400)
 
 
 def same(one: str, other: str) -> bool:

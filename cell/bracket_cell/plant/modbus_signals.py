@@ -1,27 +1,24 @@
-"""Digital signals for a PLC that asks for them: discrete inputs and coils of a Modbus TCP server behind the gate."""
+"""Signals for a PLC that asks for them: a server of Modbus TCP (Application Protocol 1.1b3, Messaging Guide 1.0b)."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
+import struct
 import threading
-from typing import Any
-
-from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
 
 from bracket_cell.skills.drivers.settings import ModbusSignalSettings
-from bracket_cell.viewing.gate import Address, Gate, hidden_address
+from bracket_cell.viewing import door
+from bracket_cell.viewing.door import Caller, Door
+from bracket_cell.viewing.gate import KEPT_S, PLACES_N, Address
 from bracket_ground.errors import DeviceFault
 from bracket_ground.interfaces.clock import Clock
 
-logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-
-BITS, WORD = 256, 16
-READ_INPUTS, WRITES = 2, (5, 15)  # functions: MODBUS Application Protocol 1.1b3, 6.2, 6.5, 6.11
-HEADER, LONGEST = 8, 254  # bytes of a request's header with its function, and what may follow: Messaging Guide 1.0b
-STARTS_S, STOPS_S = 10.0, 3.0
+BITS, MOST_READ, MOST_WRITTEN, SHORTEST, LONGEST = 256, 2000, 1968, 2, 254  # MOST of a request; what a header tells
+HEADER, SPAN = struct.Struct(">HHHB"), struct.Struct(">HH")  # transaction, protocol, length, unit; address, count
+READ_COILS, READ_INPUTS, WRITE_COIL, WRITE_COILS = 1, 2, 5, 15
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+REFUSED, OFF, ON = 0x80, 0x0000, 0xFF00  # REFUSED is added to the function
+STOPS_S = 3.0
 
 
 class ModbusSignals:
@@ -35,15 +32,13 @@ class ModbusSignals:
 
     def __init__(self, settings: ModbusSignalSettings, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
-        self._inputs: dict[str, bool] = {}
+        self._coils: dict[int, bool] = {}  # that were written
         self._outputs = dict.fromkeys(settings.outputs, False)
         self._asked_s = clock.now_s()
-        self._over, self._ready = threading.Event(), threading.Event()
         self._listening = Address.parse(settings.at, "devices.signals.at").listening()
+        self._over = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), name="Modbus", daemon=True)
         self._thread.start()
-        if not self._ready.wait(STARTS_S):
-            raise DeviceFault("signals", f"the server at {settings.at} did not begin within {STARTS_S:g} s")
 
     def read(self) -> dict[str, bool]:
         """All inputs as last written, and all outputs as last set; inputs are left out before the PLC wrote them.
@@ -54,7 +49,8 @@ class ModbusSignals:
         silent_s = self._clock.now_s() - self._asked_s
         if silent_s > self._settings.timeout_s:
             raise DeviceFault("signals", f"the PLC asked and wrote nothing for {silent_s:.1f} s")
-        return self._inputs | self._outputs
+        coils = self._coils
+        return {name: coils[bit] for name, bit in self._settings.inputs.items() if bit in coils} | self._outputs
 
     def write(self, name: str, value: bool) -> None:
         """Set an output.
@@ -72,41 +68,48 @@ class ModbusSignals:
         self._thread.join(STOPS_S)
 
     async def _serve(self) -> None:
-        words = [SimData(0, count=BITS // WORD, values=0, datatype=DataType.BITS)]
-        unused = [SimData(0, values=0)]
-        device = SimDevice(0, (words, words, unused, unused), action=self._asked)
-        behind = hidden_address()
-        server: Any = ModbusTcpServer(device, address=(behind, 0))
-        await server.serve_forever(background=True)
-        port = server.transport.sockets[0].getsockname()[1]
-        gate = Gate(self._listening, (behind, port), greets=_greets)
-        self._ready.set()
-        while not self._over.is_set():
-            await asyncio.sleep(0.1)
-        gate.close()
-        await server.shutdown()
+        async with Door(self._listening, self._receive, PLACES_N) as self._door:
+            while not self._over.is_set():
+                await asyncio.sleep(0.1)
 
-    async def _asked(
-        self, function: int, _: int, address: int, __: int, words: list[int], values: list[Any] | None
-    ) -> ExcCodes | None:
-        """A request, before the library answers it."""
-        self._asked_s = self._clock.now_s()
-        if function == READ_INPUTS:
-            words[:] = _words({bit for name, bit in self._settings.outputs.items() if self._outputs[name]})
-        elif function in WRITES and values is not None:
-            written = {address + number: bool(value) for number, value in enumerate(values)}
-            self._inputs |= {name: written[bit] for name, bit in self._settings.inputs.items() if bit in written}
-        return None
+    async def _receive(self, caller: Caller) -> None:
+        """Answer one request after the other; whoever speaks no Modbus, or does not begin to, is hung up on."""
+        reader, writer = await asyncio.open_connection(sock=caller.connection)
+        asyncio.get_running_loop().call_later(KEPT_S, self._door.knows, caller)
+        try:
+            async with asyncio.timeout(door.GREETING_S) as greeting:
+                while True:
+                    transaction, protocol, length, unit = HEADER.unpack(await reader.readexactly(HEADER.size))
+                    if protocol or not SHORTEST <= length <= LONGEST:
+                        return
+                    answer = self._answer(await reader.readexactly(length - 1))
+                    greeting.reschedule(None)
+                    writer.write(HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer)
+                    await writer.drain()
+        finally:
+            writer.transport.abort()
 
-
-async def _greets(reader: asyncio.StreamReader) -> bytes:
-    """The first request's header; whoever speaks no Modbus stays outside."""
-    head = await reader.readexactly(HEADER)
-    if head[2:4] != b"\x00\x00" or not 2 <= int.from_bytes(head[4:6], "big") <= LONGEST:
-        raise EOFError
-    return head
-
-
-def _words(bits: set[int]) -> list[int]:
-    """Bits in words of 16, the lowest first."""
-    return [sum(1 << bit % WORD for bit in bits if bit // WORD == word) for word in range(BITS // WORD)]
+    def _answer(self, request: bytes) -> bytes:
+        """The answer to a request, both without their headers; an illegal one changes nothing."""
+        function, rest = request[0], request[1 + SPAN.size :]
+        self._asked_s, written = self._clock.now_s(), 0
+        if function not in (READ_COILS, READ_INPUTS, WRITE_COIL, WRITE_COILS):
+            return bytes((function | REFUSED, ILLEGAL_FUNCTION))
+        address, count = SPAN.unpack_from(request.ljust(1 + SPAN.size, b"\0"), 1)
+        size = (count + 7) // 8
+        if function == WRITE_COIL:
+            legal, written, count = len(request) == 1 + SPAN.size and count in (OFF, ON), int(count == ON), 1
+        elif function == WRITE_COILS:
+            legal = 0 < count <= MOST_WRITTEN and len(rest) == 1 + size == 1 + rest[0]
+            written = int.from_bytes(rest[1:], "little")
+        else:
+            legal = len(request) == 1 + SPAN.size and 0 < count <= MOST_READ
+        if not legal or address + count > BITS:
+            return bytes((function | REFUSED, ILLEGAL_ADDRESS if legal else ILLEGAL_VALUE))
+        if function in (WRITE_COIL, WRITE_COILS):
+            self._coils = self._coils | {address + bit: bool(written >> bit & 1) for bit in range(count)}
+            return request[: 1 + SPAN.size]
+        outputs = {bit: self._outputs[name] for name, bit in self._settings.outputs.items()}
+        levels = self._coils if function == READ_COILS else outputs
+        bits = sum(levels.get(address + bit, False) << bit for bit in range(count))
+        return bytes((function, size)) + bits.to_bytes(size, "little")

@@ -31,12 +31,8 @@ INFO_S = 3.0  # to wait for CameraInfo
 MOUNT_OFF_M, MOUNT_OFF_RAD = 0.005, 0.01  # that tf and bench file may differ by
 RECTIFIED = "image_rect"  # in topics of image_proc
 COMPRESSED = "/compressed"
-TO_RGB = {
-    "rgb8": None,
-    "bgr8": cv2.COLOR_BGR2RGB,
-    "rgba8": cv2.COLOR_RGBA2RGB,
-    "bgra8": cv2.COLOR_BGRA2RGB,
-}  # by encoding: sensor_msgs/image_encodings.hpp
+# By encoding: sensor_msgs/image_encodings.hpp.
+TO_RGB = {"rgb8": None, "bgr8": cv2.COLOR_BGR2RGB, "rgba8": cv2.COLOR_RGBA2RGB, "bgra8": cv2.COLOR_BGRA2RGB}
 
 
 class _Subscribed:

@@ -89,6 +89,43 @@ def test_a_plc_that_is_silent_is_a_fault_until_it_asks_again(
     assert signals.read()
 
 
+def test_requests_that_come_together_are_all_answered(signals: ModbusSignals, plc: ModbusTcpClient) -> None:
+    host, _, port = signals._settings.at.partition(":")
+    write, read = bytes.fromhex("00010000000601050000ff00"), bytes.fromhex("000200000006010100000001")
+    with socket.create_connection((host, int(port)), 5) as other, other.makefile("rb") as answers:
+        other.sendall((write + read) * 8)
+        assert answers.read(8 * 22) == (write + bytes.fromhex("00020000000401010101")) * 8
+    assert signals.read()["start"]
+    assert not plc.read_coils(0, count=1).isError()
+
+
+@pytest.mark.parametrize(
+    ("request_hex", "answer_hex"),
+    [
+        ("0500000001", "8503"),
+        ("0500001234", "8503"),
+        ("05000000", "8503"),
+        ("0500", "8503"),
+        ("05000000ff00ff", "8503"),
+        ("0500fff000", "8503"),
+        ("0500fff00000", "8503"),
+        ("05ffffff00", "8502"),
+        ("0f00f8000901ff", "8f03"),
+        ("0f00f8000902ffff", "8f02"),
+        ("0f0000000000", "8f03"),
+        ("0f", "8f03"),
+        ("0200000000", "8203"),
+        ("02000007d1", "8203"),
+        ("0300000001", "8301"),
+        ("80", "8001"),
+    ],
+)
+def test_an_illegal_request_changes_nothing(signals: ModbusSignals, request_hex: str, answer_hex: str) -> None:
+    before = signals.read()
+    assert signals._answer(bytes.fromhex(request_hex)).hex() == answer_hex
+    assert signals.read() == before
+
+
 @pytest.mark.parametrize("words", [b"GET / HTTP/1.1\r\n\r\n", b"\x00" * 7, b"\xff" * 300, b""])
 def test_strangers_stay_outside(signals: ModbusSignals, words: bytes) -> None:
     host, _, port = signals._settings.at.partition(":")

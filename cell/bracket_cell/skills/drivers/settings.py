@@ -33,7 +33,7 @@ class SignalSettings(Model):
 
 
 class ModbusSignalSettings(Model):
-    """Digital signals to and from a PLC that asks for them: a server of Modbus TCP; needs the extra robotiq.
+    """Digital signals to and from a PLC that asks for them: a server of Modbus TCP.
 
     Attributes:
         kind: this driver.

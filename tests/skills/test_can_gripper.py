@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -354,6 +355,9 @@ BAD_FRAMES = {
     "length": lambda text: text.replace("BO_ 522 GripperCommand: 8", "BO_ 522 GripperCommand: 4"),
     "flipped": lambda text: text.replace("rPR : 24|8@1+ (-0.333333333333,85)", "rPR : 24|8@1+ (0.333333333333,0)"),
     "factor": lambda text: text.replace("(0.843137254901,20)", "(1e300,20)"),
+    "twice": lambda text: text + '\nBO_ 700 GripperHeartbeat: 1 Gripper\n SG_ NodeState : 1|7@1+ (1,0) [0|127] "" X\n',
+    "identifier": lambda text: text + '\nBO_ 394 Lamp: 8 Gripper\n SG_ on : 0|1@1+ (1,0) [0|1] "" Controller\n',
+    "no such signal": lambda text: text + '\nVAL_ 394 nothing 0 "off" ;\n',
     "overlap": lambda text: text.replace("rSP : 32|8", "rSP : 28|8"),
 }
 
@@ -387,6 +391,31 @@ def test_a_register_that_is_elsewhere_or_means_something_else_is_refused(
     path.write_text(text.replace(told[0], ELSEWHERE[change](list(told.groups()))))
     with pytest.raises(SettingError, match=f"{name}|signals .* are overlapping"):
         load_gripper_database(path)
+
+
+def test_frames_of_other_nodes_in_the_file_are_no_statuses(tmp_path: Path) -> None:
+    path = tmp_path / "mine.dbc"
+    path.write_text(SHIPPED.read_text() + '\nBO_ 700 Lamp: 8 Gripper\n SG_ on : 0|1@1+ (1,0) [0|1] "" Controller\n')
+    node = ScriptedNode("lamp")
+    gripper = CanGripper(CanSettings(channel="lamp", database=path), NodeClock(node))
+    with suppress(DeviceFault):
+        node.send_raw(700, bytes(8))
+        gripper.state()
+    gripper.close()
+    assert gripper.ignored_frames == 0
+
+
+def test_a_file_that_never_ends_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(path := tmp_path / "mine.dbc")
+    with pytest.raises(SettingError, match="this is not a file"):
+        load_gripper_database(path)
+
+
+@pytest.mark.parametrize("interface", ["kvaser", "serial", "robotell", "socketcand", "udp_multicast", "cantact"])
+def test_an_adapter_that_is_not_there_is_told(interface: str, caplog: pytest.LogCaptureFixture) -> None:
+    with pytest.raises(SettingError, match=f"no CAN bus '{interface}' '0': "):
+        open_bus(interface, "0")
+    assert not caplog.records
 
 
 def test_other_identifiers_and_a_finer_scale_are_a_file_of_ones_own(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import can
 
 from bracket_ground.errors import SettingError, words_of
 
+can.util.set_logging_level("critical")  # what it has to say is raised, too
 ECHOING = ("virtual", "socketcan", "kvaser", "vector", "ixxat", "nixnet", "etas")
 
 
@@ -23,12 +24,11 @@ def open_bus(
     Raises:
         SettingError: python-can has no such interface, or there is no such channel on this machine.
     """
-    where = ("devices", role, "interface")
+    where, legal = ("devices", role, "interface"), ", ".join(sorted(can.VALID_INTERFACES))
     if interface not in can.VALID_INTERFACES:
-        what = f"no CAN interface {interface!r}; python-can has {', '.join(sorted(can.VALID_INTERFACES))}"
-        raise SettingError((where, what))
+        raise SettingError((where, f"no CAN interface {interface!r}; python-can has {legal}"))
     try:
         echoing: dict[str, Any] = {"receive_own_messages": True} if echo and interface in ECHOING else {}
         return can.Bus(interface=interface, channel=channel, bitrate=bitrate, **echoing)
-    except (can.CanError, OSError, ValueError, NotImplementedError, ImportError, AttributeError) as error:
+    except Exception as error:  # each adapter's backend raises what it likes
         raise SettingError((where, f"no CAN bus {interface!r} {channel!r}: {words_of(error)}")) from error

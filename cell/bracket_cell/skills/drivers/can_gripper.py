@@ -78,9 +78,8 @@ class CanGripper:
         database = gripper_database.load_gripper_database(settings.database or gripper_database.SHIPPED, gripper)
         self._database = database
         self._command = database.get_message_by_name(gripper_database.COMMAND)
-        self._received = {
-            message.frame_id: message for message in database.messages if message.name != self._command.name
-        }
+        told = (gripper_database.STATUS, gripper_database.HEARTBEAT, gripper_database.EMERGENCY)
+        self._received = {message.frame_id: message for message in map(database.get_message_by_name, told)}
         self._meanings: Mapping[int, object] = dict(
             database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
         )

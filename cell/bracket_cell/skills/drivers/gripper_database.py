@@ -5,15 +5,18 @@ The registers stand where the shipped file has them; a file of one's own may hav
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
 import cantools.database
 from cantools.database.can import Database, Message, Signal
 
-from bracket_ground.errors import SettingError
-from bracket_ground.files.files import shipped
+from bracket_ground.errors import SettingError, words_of
+from bracket_ground.files.files import regular, shipped
 from bracket_ground.interfaces.gripper import Gripper, default_gripper, scaled
+
+logging.getLogger("cantools").setLevel(logging.CRITICAL)
 
 SHIPPED = shipped("bracket_cell.config", "gripper.dbc")
 COMMAND, STATUS, HEARTBEAT, EMERGENCY = "GripperCommand", "GripperStatus", "GripperHeartbeat", "GripperEmergency"
@@ -32,10 +35,8 @@ def load_gripper_database(path: Path = SHIPPED, gripper: Gripper | None = None) 
     text = scaled(read_frames(path), gripper) if path == SHIPPED else read_frames(path)
     try:
         database = _parsed(text)
-    except (cantools.Error, UnicodeDecodeError, ValueError, KeyError) as error:
-        raise _problem(
-            path, f"is not a DBC file: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
-        ) from None
+    except (cantools.Error, ValueError, KeyError) as error:
+        raise _problem(path, f"is not a DBC file: {' '.join(words_of(error).split())}") from None
     if problems := [problem for wanted in _wanted(gripper).messages for problem in _problems(database, wanted)]:
         raise _problem(path, "; ".join(problems))
     return database
@@ -48,7 +49,7 @@ def read_frames(path: Path = SHIPPED) -> str:
         SettingError: it cannot be read.
     """
     try:
-        return path.read_text(encoding="cp1252")
+        return regular(path).read_text(encoding="cp1252")
     except OSError as error:
         raise _problem(path, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
@@ -70,10 +71,14 @@ def _problem(path: Path, what: str) -> SettingError:
 
 
 def _problems(database: Database, wanted: Message) -> Iterator[str]:
-    message = next((candidate for candidate in database.messages if candidate.name == wanted.name), None)
-    if message is None:
-        yield f"message {wanted.name} is missing"
+    named = [message for message in database.messages if message.name == wanted.name]
+    if len(named) != 1:
+        yield f"message {wanted.name} is missing" if not named else f"message {wanted.name} is there {len(named)} times"
         return
+    message = named[0]
+    others = [other.name for other in database.messages if other.frame_id == message.frame_id and other is not message]
+    if others:
+        yield f"{message.name} and {', '.join(others)} have one identifier, 0x{message.frame_id:X}"
     if message.length != wanted.length:
         yield f"{message.name} has {message.length} bytes, must be {wanted.length}"
     if message.is_extended_frame:

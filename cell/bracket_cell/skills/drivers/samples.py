@@ -92,13 +92,8 @@ class SampleReceiver(Generic[Told]):
     def __init__(
         self, connect: Callable[[], Connection[Told]], clock: Clock, at: str, slower: float = 1.0, device: str = "arm"
     ) -> None:
-        self._device, self._at, self._connect, self._clock, self._limit_s = (
-            device,
-            at,
-            connect,
-            clock,
-            NEWEST_S * slower,
-        )
+        self._device, self._at, self._connect = device, at, connect
+        self._clock, self._limit_s = clock, NEWEST_S * slower
         self._late_s: float | None = None  # since when all samples have been late
         self._samples: deque[Told] = deque(maxlen=KEPT)
         self._newest: Told | None = None

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, WEIGHTS, Files, KindSettings, files_of
 from bracket_cell.learned.classical.settings import PerceptionSettings as ClassicalSettings
 from bracket_cell.learned.semantic.settings import NewGoals
-from bracket_cell.skills.drivers.settings import DdsSettings
+from bracket_cell.skills.drivers.settings import DdsSettings, Host
 from bracket_ground.files.model import Model
 from bracket_ground.files.units import Duration
 from bracket_ground.files.words.catalogue import languages
@@ -181,7 +181,7 @@ class MqttSettings(Model):
             without it nothing is encrypted.
     """
 
-    host: str = Field(min_length=1)
+    host: Host
     port: int = Field(default=1883, ge=1, le=65535)
     group: str = Field(default="plant", pattern=TOPIC_NAME)
     node: str = Field(default="cell", pattern=TOPIC_NAME)

@@ -10,12 +10,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from bracket_cell.configuration import load_configuration
+from bracket_cell.settings import MqttSettings
 from bracket_cell.skills.drivers import cameras, robotiq, ur_examined
-from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, StreamSettings, UrSettings
+from bracket_cell.skills.drivers.settings import (
+    RobotiqModbusSettings,
+    RobotiqUrcapSettings,
+    Ros2GripperSettings,
+    StreamSettings,
+    UrSettings,
+)
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_ground.errors import DeviceFault
+from bracket_ground.files.model import Model
 from bracket_ground.interfaces.clock import WallClock
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.robot import load_robot
@@ -149,6 +158,27 @@ def closed(gripper: Gripper) -> None:
     registers, clock = gripper[2], gripper[3]
     registers.write(0, bytes((9, 0, 0, 255, 255, 255)))
     clock.sleep_until(5.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        (UrSettings, {"host": "a..b"}),
+        (RobotiqUrcapSettings, {"host": "x" * 64}),
+        (MqttSettings, {"host": "no broker"}),
+        (RobotiqModbusSettings, {"port": "x", "open_count": 228, "closed_count": 3}),
+        (RobotiqModbusSettings, {"port": "x", "open_count": 128, "closed_count": 128}),
+        (Ros2GripperSettings, {"open_at": 0.8, "closed_at": 0.8}),
+    ],
+)
+def test_what_no_driver_could_use_is_refused_with_its_file(kind: type[Model], keys: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        kind(**keys)
+
+
+@pytest.mark.parametrize("host", ["ur-1", "ur_1.plant.example.", "192.0.2.1", "fe80::1", "::ffff:192.0.2.1"])
+def test_names_and_addresses_are_hosts(host: str) -> None:
+    assert UrSettings(host=host).host == host
 
 
 def test_a_gripper_is_looked_at_without_a_command(gripper: Gripper) -> None:

@@ -306,11 +306,8 @@ class HandOver(_HeldOut):
         gripped_m = observation.gripper.opening_m
         opening_m = self.planner.settings.gripper.within(gripped_m + 2 * self.planner.open_m / 5)
         offer = Offer(self.part, self.planner, self.pull_n, self.limit_n, self.wait_s, gripped_m, opening_m)
-        return [
-            Bring(way, offer),
-            offer,
-            HandLeaves(Message("{part} is taken", part=self.part), self.planner, self.wait_s),
-        ]
+        leaves = HandLeaves(Message("{part} is taken", part=self.part), self.planner, self.wait_s)
+        return [Bring(way, offer), offer, leaves]
 
     @property
     def done(self) -> str:

@@ -18,6 +18,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bracket_cell.skills.drivers.settings import HOST
 from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door
 from bracket_ground.errors import InputError
@@ -67,7 +68,7 @@ class Address:
         host, colon, port = text.rpartition(":")
         if not (port.isdecimal() and int(port) <= 65535):
             raise InputError(f"{option} {text}: must be PORT or HOST:PORT, as 8780 or cell-3.local:8780")
-        if colon and host.strip("[]") in EVERYWHERE:
+        if colon and (host.strip("[]") in EVERYWHERE or not re.match(HOST, host.strip("[]"))):
             raise InputError(f"{option} {text}: name the host as people type it, like {socket.gethostname()}:{port}")
         return Address(int(port), host.strip("[]") or LOOPBACK, option)
 

@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import Field, Tag
+from pydantic import Field, Tag, model_validator
 
 from bracket_ground.files.model import Model
+
+# Names whose labels a resolver takes, and addresses of both kinds.
+HOST = r"^([A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?|[0-9A-Fa-f.]*:[0-9A-Fa-f:.]+)$"
+Host = Annotated[str, Field(max_length=253, pattern=HOST)]
 
 
 class SignalSettings(Model):
@@ -72,7 +76,7 @@ class UrSignalSettings(Model):
     """
 
     kind: Literal["ur"] = "ur"
-    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    host: Host
     inputs: dict[str, Annotated[str, Field(pattern=f"^({UR_TERMINAL}|{UR_FACT}|{UR_ANALOG})$")]] = Field(
         default_factory=dict
     )
@@ -101,9 +105,6 @@ class CanSettings(Model):
     database: Path | None = None
 
 
-Count = Annotated[int, Field(ge=0, le=255)]
-
-
 class FingerSettings(Model):
     """What every wire of a 2F-85 needs to know.
 
@@ -112,8 +113,8 @@ class FingerSettings(Model):
         lost_s: silence for this long is a fault; the gripper itself gives up after 1 s.
     """
 
-    open_count: Count = 3
-    closed_count: Count = 228
+    open_count: int = Field(default=3, ge=0, le=80)
+    closed_count: int = Field(default=228, ge=125, le=255)
     lost_s: float = Field(default=1.0, gt=0, le=10)
 
 
@@ -143,7 +144,7 @@ class RobotiqUrcapSettings(FingerSettings):
     """
 
     kind: Literal["robotiq_urcap"] = "robotiq_urcap"
-    host: str
+    host: Host
     port: int = Field(default=63352, ge=1, le=65535)
 
 
@@ -260,6 +261,12 @@ class Ros2GripperSettings(Ros2NodeSettings):
     activate: str = Field(default="/robotiq_activation_controller/reactivate_gripper", pattern=rf"^(/{NAME})*$")
     lost_s: float = Field(default=0.5, gt=0, le=10)
 
+    @model_validator(mode="after")
+    def _moves(self) -> Ros2GripperSettings:
+        if self.open_at == self.closed_at:
+            raise ValueError("open_at and closed_at are the same: where do the fingers end?")
+        return self
+
 
 class Ros2SignalSettings(Ros2NodeSettings):
     """Digital terminals of a UR, as ur_robot_driver's io_and_status_controller has them.
@@ -363,7 +370,7 @@ class UrSettings(Model):
     """
 
     kind: Literal["ur"] = "ur"
-    host: str = Field(min_length=1, max_length=253, pattern=r"^[A-Za-z0-9.:-]+$")
+    host: Host
     payload_kg: float = Field(default=0.93, ge=0, le=20)
     payload_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.05)
     registers: Literal["auto", "lower", "upper"] = "auto"

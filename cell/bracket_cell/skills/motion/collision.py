@@ -100,11 +100,7 @@ class CollisionChecker:
         return geometry
 
     def scene(
-        self,
-        opening_m: float,
-        obstacles: Sequence[Box] = (),
-        held: Sequence[Box] = (),
-        margin_m: float = 0.0,
+        self, opening_m: float, obstacles: Sequence[Box] = (), held: Sequence[Box] = (), margin_m: float = 0.0
     ) -> Scene:
         """The bench with what else is to be kept clear of.
 

@@ -187,19 +187,9 @@ def _question(question: Question) -> dict[str, Any]:
 
 def bracket_data(row: BracketRow) -> dict[str, Any]:
     """A bracket for a page."""
-    names = (
-        "number",
-        "finished",
-        "variant",
-        "ordered",
-        "order",
-        "misses_order",
-        "correct",
-        "robot",
-        "person",
-        "placed",
-    )
-    return {**{name: getattr(row, name) for name in names}, "took_s": round(row.length_s, 1)}
+    counted = ("number", "finished", "variant", "ordered", "order", "misses_order", "correct")
+    by_whom = ("robot", "person", "placed")
+    return {**{name: getattr(row, name) for name in (*counted, *by_whom)}, "took_s": round(row.length_s, 1)}
 
 
 def _finite(value: float) -> float:

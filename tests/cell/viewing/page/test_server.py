@@ -156,7 +156,9 @@ def test_beyond_this_machine_looking_needs_a_token_and_operating_another_one() -
         rig.page.abandon()
 
 
-@pytest.mark.parametrize("text", ["0.0.0.0:8780", ":8780", "[::]:8780", "soon", "cell:", "70000"])
+@pytest.mark.parametrize(
+    "text", ["0.0.0.0:8780", ":8780", "[::]:8780", "soon", "cell:", "70000", "a..b:80", f"{'x' * 64}:80", "\u2028:80"]
+)
 def test_a_host_must_be_named(text: str) -> None:
     with pytest.raises(InputError, match=r"--page .*: (name the host|must be PORT or HOST:PORT)"):
         Address.parse(text, "--page")

@@ -6,6 +6,7 @@ ros2_robotiq_gripper.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -106,8 +107,9 @@ class Ros2Gripper:
         while not self._closed.is_set():
             came = waited(self._reader, PERIOD_S)
             for joints in [] if came is None else [came, *taken(self._reader)]:
-                if self._settings.joint in joints.name:
-                    self._note(joints.position[joints.name.index(self._settings.joint)])
+                told = dict(zip(joints.name, joints.position, strict=False))  # others may tell speeds alone, or NaN
+                if math.isfinite(position := told.get(self._settings.joint, math.nan)):
+                    self._note(position)
             self._follow()
 
     def _note(self, position: float) -> None:
@@ -147,9 +149,7 @@ class Ros2Gripper:
 
     def _activated(self) -> None:
         """Beside the loop."""
-        done = None
-        if self._settings.activate:
-            done = self._activation.call(ACTIVATES_S * self._slower)
+        done = self._activation.call(ACTIVATES_S * self._slower) if self._settings.activate else None
         with self._lock:
             self._active = not self._settings.activate or bool(done is not None and done.success)
             self._status = ObjectStatus.AT_POSITION

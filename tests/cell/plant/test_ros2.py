@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,7 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.recording.scene import CellModel, SceneLog
 from bracket_cell.settings import Ros2Settings
-from bracket_cell.skills.drivers.settings import DdsSettings, Ros2CameraSettings
+from bracket_cell.skills.drivers.settings import DdsSettings, Ros2CameraSettings, Ros2GripperSettings
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import Outcome, SentCommand, TickRecord
 from bracket_ground.errors import DeviceFault, InputError
@@ -31,9 +32,11 @@ typesys = pytest.importorskip("rosbags.typesys", reason="the extra ros2 is not i
 
 from bracket_cell.plant.dds import LAST, Node, Quality  # noqa: E402 - without the extra they are of no use
 from bracket_cell.plant.ros_camera import Ros2Camera  # noqa: E402
+from bracket_cell.plant.ros_gripper import Ros2Gripper  # noqa: E402
 from bracket_cell.plant.ros_scene import CUBE, DELETE_ALL  # noqa: E402
+from bracket_cell.plant.ros_services import ActionClient  # noqa: E402
 from bracket_cell.plant.ros_topics import RosTopics  # noqa: E402
-from bracket_cell.plant.ros_types import message  # noqa: E402
+from bracket_cell.plant.ros_types import empty, message  # noqa: E402
 
 DOMAIN = 87
 BENCH, PRODUCT = load_configuration().bench, load_product(load_configuration())
@@ -257,6 +260,28 @@ def test_a_network_that_is_not_there_and_another_one_are_refused() -> None:
     Node(DdsSettings(domain=DOMAIN))
     with pytest.raises(InputError, match=rf"domain {DOMAIN} is on 127\.0\.0\.1 already"):
         Node(DdsSettings(domain=DOMAIN, network="192.0.2.1"))
+
+
+def test_joints_without_positions_are_nothing_told_of_a_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever publishes speeds alone, or NaN, on the same topic."""
+    monkeypatch.setattr(ActionClient, "there", lambda *_: True)
+    settings, kind = (
+        Ros2GripperSettings(domain=DOMAIN, namespace="/gripper_4", lost_s=10.0),
+        "sensor_msgs/msg/JointState",
+    )
+    gripper = Ros2Gripper(settings, WallClock(), load_configuration().robot)
+    writer = Node(settings).publisher("/gripper_4/joint_states", kind)
+
+    def opens_after(*position: float) -> float:
+        about = {"header": empty("std_msgs/msg/Header"), "velocity": [], "effort": []}
+        writer.write(message(kind)(name=["other", settings.joint], position=list(position), **about))
+        return gripper.state().opening_m
+
+    until(lambda: opens_after(0.0, 0.4) == pytest.approx(0.0421, abs=1e-4))
+    for odd in ((), (0.0,), (0.0, math.nan), (0.0, math.inf)):
+        assert opens_after(*odd) == pytest.approx(0.0421, abs=1e-4)
+    until(lambda: opens_after(0.0, 0.2) == pytest.approx(0.0636, abs=1e-4))
+    gripper.close()
 
 
 def test_a_topic_that_nobody_publishes_is_a_lost_camera() -> None:

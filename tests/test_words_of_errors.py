@@ -47,6 +47,14 @@ def test_no_message_quotes_an_error_of_the_system_as_it_is() -> None:
         (OSError(), "OSError"),
         (termios.error(5, "Input/output error"), "Input/output error"),
         (OSError("could not open port /dev/x: [Errno 2] No such file"), "could not open port /dev/x: No such file"),
+        (
+            OSError(28, "Error writing bytes to file. Detail: [errno 28] No space left on device"),
+            "No space left on device",
+        ),
+        (
+            OSError(98, "Address already in use (while attempting to bind on address ('::1', 1))"),
+            "Address already in use",
+        ),
         (OSError(2, "could not open port /dev/x: [Errno 2] No such file"), "could not open port /dev/x: No such file"),
     ],
 )

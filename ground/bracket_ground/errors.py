@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-ERRNO = re.compile(r"\[Errno -?\d+\] ")
+ERRNO = re.compile(r"(^.* Detail: )?\[[Ee]rrno -?\d+\] | \(while attempting to bind .*")  # of pyarrow, of Python
 ENDLESS = re.compile(r"(\w{40})\w{216,}")  # a word that is longer than any name of a file
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from bracket_cell.skills.drivers.settings import HOST
 from bracket_cell.viewing import door
 from bracket_cell.viewing.door import Caller, Door
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 
 LOOPBACK = "127.0.0.1"
 SOCKET = "unix:"
@@ -91,7 +91,7 @@ class Address:
         except OSError as error:
             where = f"port {self.port}" if self.local else f"{self.host}:{self.port}"
             where = where if self.path is None else str(self.path)
-            problem = f"{where} cannot be used: {error.strerror}; choose another with {self.option} PORT or HOST:PORT"
+            problem = f"{where} cannot be used: {words_of(error)}; choose another with {self.option} PORT or HOST:PORT"
             raise InputError(problem) from None
 
 

@@ -21,7 +21,7 @@ from bracket_cell.log.report.for_ros import began_ns, write_rosbag
 from bracket_cell.packages import needed
 from bracket_cell.recording.images import Video
 from bracket_cell.trees.node_library import node_registry
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, words_of
 from bracket_ground.files.files import whole_or_none
 from btxml.views.groot2 import StatusBoard, tree_xml
 
@@ -96,7 +96,7 @@ def export(log: Log, style: str, path: Path) -> int:
         with whole_or_none(path) as partial:
             return writers[style](log, partial)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{path}: cannot be written: {words_of(error)}") from None
 
 
 def table(log: Log) -> Iterator[dict[str, Any]]:

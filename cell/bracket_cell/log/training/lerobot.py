@@ -19,7 +19,7 @@ from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.training.episodes import Episode, image_times_s, rate_hz_of, rows_of
 from bracket_cell.packages import needed
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, words_of
 from bracket_ground.files.files import whole_or_none
 from bracket_ground.interfaces.pose import Array
 
@@ -97,7 +97,7 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
             _write_json(_info(episodes, rate_hz, sizes), partial / "meta" / "info.json")
             _write_json(_statistics(episodes, rate_hz), partial / "meta" / "stats.json")
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{folder}: cannot be written: {words_of(error)}") from None
     return sum(len(episode.times_s) for episode in episodes)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -124,6 +125,24 @@ def test_a_film_without_repeat_ends(tmp_path: Path) -> None:
     camera = FileCamera(FileSettings(path=film(tmp_path), repeat=False), clock, small_bench(), "overhead")
     assert "the film is over" in camera_contract.Bench(camera, clock, SIZE).lost()
     camera.close()
+
+
+def test_a_still_picture_is_a_film_that_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cameras, "RETRY_S", 60.0)  # it is not opened anew
+    camera = FileCamera(FileSettings(path=film(tmp_path, 1), lost_s=10.0), WallClock(), small_bench(), "overhead")
+    seen = set[float]()
+    while len(seen) < 4:
+        frame = camera.latest()
+        seen |= set() if frame is None else {frame.time_s}
+    camera.close()
+
+
+def test_a_pipe_is_no_film(tmp_path: Path) -> None:
+    os.mkfifo(path := tmp_path / "film.avi")
+    with pytest.raises(DeviceFault, match=r"cannot be opened: .*film\.avi is no file"):
+        FileCamera(FileSettings(path=path), WallClock(), small_bench(), "overhead")
+    (told,) = cameras.examine(FileSettings(path=path), WallClock(), small_bench(), "overhead")
+    assert told.remedy.endswith("is no file"), "a film has no cable"
 
 
 def test_frames_that_waited_in_a_buffer_are_not_taken_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -277,7 +277,7 @@ class _Film(_Capture):
 
     def __init__(self, path: Path, repeat: bool, period_s: float) -> None:
         super().__init__(str(path), cv2.CAP_FFMPEG, {})
-        self._repeat, self._period_s, self._due_s = repeat, period_s, time.monotonic()
+        self._path, self._repeat, self._period_s, self._due_s = path, repeat, period_s, time.monotonic()
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`."""
@@ -287,9 +287,8 @@ class _Film(_Capture):
             return super().grab()
         except OSError:
             if not self._repeat:
-                time.sleep(self._period_s)
-                raise OSError("the film is over") from None
-            self.capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
+                raise
+            self.capture.open(str(self._path), cv2.CAP_FFMPEG)  # a film of one image cannot be wound back
             return super().grab()
 
     def _ago_s(self) -> float | None:
@@ -305,6 +304,8 @@ class FileCamera(GrabbingCamera):
         def film(setup: CameraSetup) -> Source:
             if hasattr(self, "_thread") and not settings.repeat:
                 raise OSError("the film is over")
+            if not settings.path.is_file():  # a pipe waits for its writer
+                raise OSError(f"{settings.path} is no file")
             return _Film(settings.path, settings.repeat, 1.0 / setup.rate_hz)
 
         super().__init__(settings, clock, bench, role, film)
@@ -317,8 +318,8 @@ def examine(settings: CameraDriverSettings, clock: Clock, bench: Bench, role: st
     try:
         camera: GrabbingCamera = getattr(import_module(module), name)(settings, clock, bench, role)
     except DeviceFault as error:
-        named = "; names by id: ls /dev/v4l/by-id" if isinstance(settings, V4l2Settings) else ""
-        yield DeviceCheck(what, f"{error.reason}: check cable and address{named}")
+        hints = {V4l2Settings: ": check cable and address; names by id: ls /dev/v4l/by-id", FileSettings: ""}
+        yield DeviceCheck(what, error.reason + hints.get(type(settings), ": check cable and address"))
         return
     frames: list[Frame] = []
     begun_s = clock.now_s()

@@ -36,8 +36,7 @@ filterwarnings = ["ignore:Please update your 'hppfcl' imports:DeprecationWarning
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder to make; existing files are kept.")]) -> None:
     """Make a folder for a cell of your own: configuration, product, tree and test."""
-    say = console()
-    files = new_cell()
+    say, files = console(), new_cell()
     write_new(folder, files)
     for name in files:
         say.print(f"{folder / name}", highlight=False)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bracket_cell.commands.terminal import complain, printable
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, LogError
 
 if TYPE_CHECKING:
     from bracket_cell.log.read.reader import Log, LogStream
@@ -32,6 +32,8 @@ _ADDRESS = re.compile(r"([a-z0-9]{2,}):/+")
 
 def fetched(paths: list[Path]) -> list[Path]:
     """Logs that stand at addresses such as s3://BUCKET/run.mcap, copied to this machine for as long as it is asked."""
+    if folders := [path for path in paths if path.is_dir()]:
+        raise LogError(folders[0], "is a folder; name logs in it")
     if not any(_ADDRESS.match(str(path)) for path in paths):
         return paths
     from bracket_cell.fleet.store import get

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -114,6 +115,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         words = _typed(arguments)
+        if any(not word or re.fullmatch("--[a-z-]+=", word) for word in words):  # else the working folder
+            raise InputError(f"`cell {shlex.join(words)}` has an empty argument; fill it, or leave it out")
         if {"run", "serve", "show"} & set(words[:2]):
             words = with_usual(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)

@@ -160,7 +160,7 @@ def log_path(options: RunOptions, settings: LogSettings) -> Path:
     """
     path = options.log or _new_log(settings.folder, options.seed)
     if path.suffix != ".mcap":
-        raise InputError(Problem(Place(path), "the name of a log ends in .mcap", f"try {path.with_suffix('.mcap')}"))
+        raise InputError(Problem(Place(path), "the name of a log ends in .mcap", f"try {path.stem or 'run'}.mcap"))
     taken = next((file for file in (path, *parts_of(path), path.with_suffix(".png")) if file.exists()), None)
     if taken is not None and not options.overwrite:
         raise InputError(Problem(Place(taken), "exists already", "choose another --log"))

@@ -237,6 +237,13 @@ def test_a_typing_mistake_in_the_goal_leaves_an_old_log(tmp_path: Path, capsys: 
     assert (tmp_path / "log.mcap").read_bytes() == b"my only log"
 
 
+@pytest.mark.parametrize("words", [["run", "--log"], ["report"], ["log", "info"]])
+@pytest.mark.parametrize("folder", [".", "/"])
+def test_a_log_is_no_folder(words: list[str], folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, folder]) == 2
+    assert capsys.readouterr().err.startswith(f"cell: {folder}: ")
+
+
 def test_a_log_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--log", str(tmp_path / "x.png")]) == 2
     assert "the name of a log ends in .mcap" in capsys.readouterr().err

@@ -73,6 +73,16 @@ def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]
     assert files_of(folder) == before
 
 
+@pytest.mark.parametrize("words", [["init", ""], ["schema", ""], ["run", "--log="], ["report", ""]])
+def test_an_empty_argument_is_not_the_working_folder(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert "has an empty argument" in capsys.readouterr().err
+    assert not files_of(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["demo", "demo/tests"])
 def test_a_file_where_a_folder_should_be_is_told(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / name

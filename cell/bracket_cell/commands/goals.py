@@ -31,17 +31,15 @@ def show(
 ) -> None:
     """Show all goals, how often each was finished, and how probable it is for the next bracket."""
     if (then := context.invoked_subcommand) is not None:
-        context.default_map = {then: {"file": file, "config": config}}
+        context.default_map = {then: {"file": file, "config": config, "as_json": as_json}}
         return
     semantic = load_configuration(config).planners.semantic
     kept, made = file or semantic.goals, product_of(config)
     goals = OpenGoals.load(kept, made, semantic.new_goals) if kept else OpenGoals.of(made, semantic.new_goals)
     product, prior = goals.product, goals.prior()
     table = Table(title=product.name, title_justify="left")
-    table.add_column("goal", no_wrap=True)
-    table.add_column(f"{product.positions[0]} to {product.positions[-1]}")
-    for name in ("finished", "expected"):
-        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("goal", slots := f"{product.positions[0]} to {product.positions[-1]}", "finished", "expected"):
+        table.add_column(name, justify="left" if name in ("goal", slots) else "right", no_wrap=name != slots)
     rows = []
     for (name, parts), expected in zip(product.goals.items(), prior, strict=False):
         finished = goals.finished[name].finished if name in goals.finished else 0
@@ -59,18 +57,21 @@ def learn(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of finished brackets.")],
     file: FileOption = None,
     config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
 ) -> None:
     """Learn goals from brackets that recorded runs finished; showing one bracket is such a run."""
-    goals = _load(file, config)
+    (goals, kept), learned = _open(file, config), []
     for path in logs:
-        parts = finished_bracket(read([path]), goals.listed)
-        if parts is None:
-            console().print(f"{path}: not finished, nothing learned", highlight=False)
-            continue
-        goals = goals.with_bracket(parts)
-        name = next(name for name, goal in goals.finished.items() if goal.parts == parts)
-        console().print(f"{path}: {name} ({' '.join(parts)})", highlight=False)
-    goals.save(_path(file, config))
+        parts, name = finished_bracket(read([path]), goals.listed), None
+        if parts is not None:
+            goals = goals.with_bracket(parts)
+            name = next(name for name, goal in goals.finished.items() if goal.parts == parts)
+        learned.append({"log": str(path), "goal": name, "parts": parts})
+        what = "not finished, nothing learned" if parts is None else f"{name} ({' '.join(parts)})"
+        console().print(f"{path}: {what}", highlight=False)
+    goals.save(kept)
+    if as_json:
+        print_json({"learned": learned})
 
 
 @goals_app.command()
@@ -80,29 +81,24 @@ def add(
     finished: Annotated[int, typer.Option(min=0, help="Finished brackets that it counts for; 0 forgets it.")] = 3,
     file: FileOption = None,
     config: ConfigOption = CONFIGURATION,
+    as_json: JsonOption = False,
 ) -> None:
     """Add a goal by hand, or say how often one was finished: never, to forget what was learned of it."""
-    goals, path = _load(file, config), _path(file, config)
+    goals, path = _open(file, config)
     if finished == 0 and name not in goals.finished:
         raise InputError(f"no goal {name!r} was finished; there are: {', '.join(goals.finished) or 'none'}")
-    if finished == 0:
-        left = {key: goal for key, goal in goals.finished.items() if key != name}
-        replace(goals, finished=left).save(path)
-        return
-    added = {name: FinishedGoal(parts=tuple(parts or ()), finished=finished)}
-    changed = replace(goals, finished=goals.finished | added)
+    others = {key: goal for key, goal in goals.finished.items() if key != name}
+    added = FinishedGoal(parts=tuple(parts or ()), finished=finished) if finished else goals.finished[name]
+    changed = replace(goals, finished=goals.finished | {name: added} if finished else others)
     changed.check(path)
     changed.save(path)
-    console().print(f"{name} ({' '.join(added[name].parts)}), finished {finished}, in {path}", highlight=False)
+    console().print(f"{name} ({' '.join(added.parts)}), finished {finished}, in {path}", highlight=False)
+    if as_json:
+        print_json({"goal": name, "parts": added.parts, "finished": finished, "file": str(path)})
 
 
-def _path(file: Path | None, config: Path) -> Path:
-    path = file or load_configuration(config).planners.semantic.goals
-    if path is None:
+def _open(file: Path | None, config: Path) -> tuple[OpenGoals, Path]:
+    semantic = load_configuration(config).planners.semantic
+    if (path := file or semantic.goals) is None:
         raise InputError(f"{config} names no planners.semantic.goals; add `goals: goals.yaml` there, or name a --file")
-    return path
-
-
-def _load(file: Path | None, config: Path) -> OpenGoals:
-    settings = load_configuration(config).planners.semantic.new_goals
-    return OpenGoals.load(_path(file, config), product_of(config), settings)
+    return OpenGoals.load(path, product_of(config), semantic.new_goals), path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -139,8 +140,11 @@ def test_the_command_shows_adds_and_forgets(tmp_path: Path, capsys: pytest.Captu
     assert main(["goals", "add", "odd", *NEW, *file]) == 0
     assert main(["goals", *file, "--json"]) == 0
     assert '"goal": "odd"' in capsys.readouterr().out
+    assert main(["goals", "--json", *file, "add", "odd", *NEW]) == 0
+    assert json.loads(capsys.readouterr().out)["finished"] == 3
     assert main(["goals", "add", "wrong", *["o1"] * 6, *file]) == 2
     assert main(["goals", "add", "odd", "--finished", "0", *file]) == 0
+    assert "finished 0" in capsys.readouterr().err
     assert main(["goals", "add", "odd", "--finished", "0", *file]) == 2
     assert OpenGoals.load(tmp_path / "goals.yaml", DEFAULT).finished == {}
 

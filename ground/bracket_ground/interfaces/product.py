@@ -25,6 +25,7 @@ from bracket_ground.interfaces.variants import (
     EMPTY,
     Choice,
     OtherBracket,
+    arrangements_n,
     can_be_expanded,
     completed,
     places,
@@ -264,13 +265,14 @@ class Product(Model):
         return placed.items() <= self.goal_placements(goal, placed).items()
 
     def goal_of(self, placed: Mapping[str, str]) -> str | None:
-        """The goal that these parts, by position, make; None where they make none, or none that is whole."""
-        return next((goal for goal in self.goals if self.goal_placements(goal, placed) == placed), None)
+        """The narrowest goal that these parts, by position, make; None where they make none that is whole."""
+        return next(iter(self.goals_listed_as(self.as_listed(placed))), None)
 
-    def goal_listed_as(self, parts: tuple[str, ...]) -> str | None:
-        """The goal that an arrangement makes, see `as_listed`; None where it makes none."""
-        named = zip(self.positions, parts, strict=False)
-        return self.goal_of({slot: part for slot, part in named if part != EMPTY})
+    def goals_listed_as(self, parts: tuple[str, ...]) -> list[str]:
+        """Goals that an arrangement makes, see `as_listed`: the fewer others make one, the earlier it comes."""
+        placed = {slot: part for slot, part in zip(self.positions, parts, strict=False) if part != EMPTY}
+        made = [goal for goal in self.goals if self.goal_placements(goal, placed) == placed]
+        return sorted(made, key=lambda goal: arrangements_n(self.goals[goal]))
 
     def slot_m(self, slot: str) -> tuple[float, float, float]:
         """Where a part stands in a slot, in the bracket's frame."""
@@ -278,8 +280,7 @@ class Product(Model):
 
     def height_m(self, slot: str) -> float:
         """Of a slot above the plate."""
-        below = self.carried_by.get(slot)
-        if below is None:
+        if (below := self.carried_by.get(slot)) is None:
             return 0.0
         return self.height_m(below) + max(self.parts[part].size_m[2] for part in self.types_at(below))
 
@@ -301,13 +302,10 @@ class Product(Model):
     @cached_property
     def most(self) -> Counter[str]:
         """By part type, how many of it the goal takes that may take most."""
-        return Counter({part: max(self._wanted(goal, {})[part] for goal in self.goals) for part in self.parts})
+        return Counter({part: max(self.remaining(goal, {})[part] for goal in self.goals) for part in self.parts})
 
     def remaining(self, goal: str, placed: Mapping[str, str]) -> Counter[str]:
         """By part type, in how many open slots of a goal it is right; of alternatives each counts."""
-        return self._wanted(goal, placed)
-
-    def _wanted(self, goal: str, placed: Mapping[str, str]) -> Counter[str]:
         limits, there = self.goal_quantities.get(goal, {}), Counter(placed.values())
         slots = Counter(part for slot, parts in self._accepted[goal].items() if slot not in placed for part in parts)
         return Counter({part: min(n, limits.get(part, n + there[part]) - there[part]) for part, n in slots.items()})

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from bracket_cell.learned.semantic.goals import FinishedGoal, OpenGoals
 from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.product import Product
@@ -55,6 +56,17 @@ def test_a_slot_may_stay_empty_and_goals_may_be_by_slot() -> None:
     assert some.goal_of({"p1": "o1"}) is None
     assert some.varies
     assert {name: part.quantity for name, part in some.parts.items()} == {"o1": 2, "o2": 1, "o3": 1}
+
+
+def test_of_goals_that_parts_make_the_narrowest_is_named() -> None:
+    wide, narrow = {"p1": "o1", "p3": ["o1", "o2"]}, {"p1": "o1", "p3": "o2"}
+    some = family(goals={"any": wide, "one": narrow, "other": {"p1": "o3"}}, goal_titles={})
+    assert some.goal_of(narrow) == "one"
+    assert some.goal_of({"p1": "o1", "p3": "o1"}) == "any"
+    goals = OpenGoals.of(some)
+    assert goals.with_bracket(some.as_listed(narrow)).finished.keys() == {"one"}
+    for name in ("any", "one"):  # as earlier versions wrote it, too
+        OpenGoals(some, {name: FinishedGoal(parts=some.as_listed(narrow), finished=1)}).check(Path())
 
 
 def test_quantities_hold_for_every_completion() -> None:

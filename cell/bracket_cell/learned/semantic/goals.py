@@ -95,7 +95,7 @@ class OpenGoals:
             InputError: it cannot.
         """
         for name, goal in self.finished.items():
-            if name in self.listed.goals and self.listed.goal_listed_as(goal.parts) != name:
+            if name in self.listed.goals and name not in self.listed.goals_listed_as(goal.parts):
                 listed = " ".join(map(written, self.listed.goals[name]))
                 raise InputError(f"{path}: goal {name} is {listed} in the product file")
         try:
@@ -174,7 +174,7 @@ class OpenGoals:
     def name_of(self, parts: tuple[str, ...]) -> str | None:
         """The known goal that an arrangement makes; None for a new one."""
         learned = (name for name, goal in self.finished.items() if goal.parts == parts)
-        return self.product.goal_listed_as(parts) or next(learned, None)
+        return next(iter((*self.product.goals_listed_as(parts), *learned)), None)
 
     def _unlike(self, parts: tuple[str, ...]) -> str:
         """Why an arrangement is none of this product's, though every part is; empty where it may be."""

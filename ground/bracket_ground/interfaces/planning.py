@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -83,8 +83,7 @@ class AssemblyState:
 
     def without(self, goal: str) -> AssemblyState:
         """The state after a person said that it is not this goal."""
-        goal_left = None if self.told_goal == goal else self.told_goal
-        return replace(self, told_goal=goal_left, denied=(*self.denied, goal))
+        return replace(self, told_goal=self.told_goal if self.told_goal != goal else None, denied=(*self.denied, goal))
 
     @property
     def by_people(self) -> AssemblyState:
@@ -94,8 +93,7 @@ class AssemblyState:
     @property
     def confirmed(self) -> Mapping[str, str]:
         """Part type by position, of what a person said is right as it is."""
-        said = self.kept.keys() - self.known_wrong.keys()
-        return {position: part for position, part in self.kept.items() if part is not None and position in said}
+        return {at: part for at, part in self.kept.items() if part is not None and at not in self.known_wrong}
 
     def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
         """The state after one more part.
@@ -132,11 +130,12 @@ class AssemblyPlan:
         """The most probable goal."""
         return max(self.goal_belief, key=lambda name: self.goal_belief[name])
 
-    def shared(self, least: float) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    def shared(self, least: float, positions: Sequence[str]) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
         """What of the guidance is the same in all likely goals, and the positions where they differ.
 
         Args:
             least: probability from which a part belongs at a position whichever of them it is.
+            positions: all, in order.
 
         Returns:
             Positions by part type, without the types of which all positions are open; and the open positions.
@@ -146,9 +145,9 @@ class AssemblyPlan:
             for part, to in self.guidance.items()
         }
         wanted = {part for (part, _), share in self.next_belief.items() if share > 1.0 - least}
-        undecided = sorted(at for part, to in self.guidance.items() for at in to if at not in sure[part])
-        done = {part for part, to in self.guidance.items() if not to and part not in wanted}
-        return {part: to for part, to in sure.items() if to or part in done}, tuple(undecided)
+        undecided = {at for to in self.guidance.values() for at in to}.difference(*sure.values())
+        said = {part: to for part, to in sure.items() if to or not (self.guidance[part] or part in wanted)}
+        return said, tuple(at for at in positions if at in undecided)
 
     def with_told(self, parts: Mapping[str, str]) -> AssemblyPlan:
         """The plan where a person said what goes into some open positions.

@@ -9,6 +9,7 @@ import yaml
 from bracket_cell.viewing.guidance import guidance_sentences
 from bracket_cell.viewing.product_picture import product_picture, product_text
 from bracket_ground.files.words.catalogue import catalogue
+from bracket_ground.interfaces.planning import AssemblyPlan
 from bracket_ground.interfaces.product import Product
 from tests import ROOT
 
@@ -27,6 +28,14 @@ def test_a_plan_is_told_in_sentences_of_both_languages() -> None:
     german = [catalogue("de")(one) for one in said]
     assert german[0] == "gate valve (o1) gehört in p3 und p5"
     assert all(one != other for one, other in zip(german, said, strict=True))
+
+
+def test_a_slot_is_sure_or_unsure_never_both_and_slots_come_in_their_order() -> None:
+    to = {"o1": ("p10", "p2"), "o2": ("p2", "p9")}
+    belief = {("o1", "p2"): 1.0, ("o2", "p2"): 0.5, ("o1", "p10"): 0.5, ("o2", "p9"): 0.5}
+    plan = AssemblyPlan({"g0": 0.5, "g1": 0.5}, belief, "o1", to)
+    positions = [f"p{number}" for number in range(1, 11)]
+    assert plan.shared(0.9, positions) == ({"o1": ("p2",)}, ("p9", "p10"))
 
 
 def test_a_product_is_written_in_an_order_that_it_allows() -> None:

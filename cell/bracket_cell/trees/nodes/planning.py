@@ -67,7 +67,7 @@ class DecodeGuidance(CellNode):
         plan = self.plan.get()
         if plan is not self._shown:
             self._shown = plan
-            guidance, any_part = plan.shared(self.tools.guard.sure_probability)
+            guidance, any_part = plan.shared(self.tools.guard.sure_probability, self.tools.product.positions)
             self.now.show(guidance=guidance, any_part=any_part, goal_belief=dict(plan.goal_belief))
             shown = {part: list(to) for part, to in guidance.items()}
             self.tools.journal.note("plan", guidance=shown, any_part=list(any_part))

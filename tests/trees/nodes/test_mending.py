@@ -21,9 +21,11 @@ from bracket_cell.trees.nodes.corrections import (
 from bracket_cell.trees.nodes.mistakes import Mistake, reason_of
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.trees.nodes.watching import ReconcileGraph
+from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.operator import HELP_GIVEN, IS_RIGHT, OperatorOrder, OperatorState
 from bracket_ground.interfaces.perception import HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
+from bracket_ground.interfaces.product import Product
 from btxml.engine.status import Status
 from btxml.testing import alone
 from tests import ROOT
@@ -112,6 +114,19 @@ def test_a_hole_that_cannot_be_read_for_long_is_told() -> None:
             break
     assert found == (Mistake(P1, "hidden"),)
     assert 45 <= time_s < 50
+
+
+def test_a_slot_under_a_part_is_not_missed() -> None:
+    layers = load_yaml(ROOT / "config" / "examples" / "layers" / "product.yaml", Product)
+    to = services(product=layers)
+    for placed, found in (({"p1": "o1"}, True), ({"p1": "o1", "c1": "o2"}, False)):
+        node = waiting(to, AssemblyState(placed))
+        statuses = []
+        for time_s in range(0, 60, 5):
+            holes = {name: HoleView(placed.get(name), 1.0, float(time_s)) for name in layers.positions}
+            see(to, float(time_s), holes=holes | {"p1": HoleView("o1", 1.0, 0.0)})
+            statuses.append(node.execute())
+        assert (Status.SUCCESS in statuses) == found
 
 
 def test_the_question_says_what_is_wrong_where_and_what_to_do() -> None:

@@ -65,16 +65,14 @@ class AwaitMistake(CellNode):
         assert self._began_s is not None
         if not self.tools.guard.wants_holes:
             return []
-        last_s = {name: view.holes[name].seen_s if name in view.holes else self._began_s for name in self._positions}
+        product = self.tools.product
+        covered = {below for slot, below in product.carried_by.items() if slot in self.state.get().placed}
+        last_s = {name: view.holes[name].seen_s if name in view.holes else self._began_s for name in product.positions}
         return [
             Mistake(name, "hidden")
             for name, seen_s in last_s.items()
-            if name not in kept and self.compare(view.time_s - seen_s, ">=", self.hidden_s, name)
+            if name not in {*kept, *covered} and self.compare(view.time_s - seen_s, ">=", self.hidden_s, name)
         ]
-
-    @property
-    def _positions(self) -> tuple[str, ...]:
-        return self.tools.product.positions
 
 
 class AwaitMisfit(CellNode):

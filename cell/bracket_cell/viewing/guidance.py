@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.product import Product
@@ -13,6 +13,7 @@ def guidance_sentences(
     any_part: tuple[str, ...] = (),
     product: Product | None = None,
     done: Collection[str] = (),
+    built: Collection[str] = (),
 ) -> list[str]:
     """Sentences about what remains; each can be translated.
 
@@ -21,6 +22,7 @@ def guidance_sentences(
         any_part: the positions for which these goals want different parts.
         product: says what comes before what.
         done: filled positions and finished fastenings.
+        built: sub-assemblies that stand ready.
     """
     title = str if product is None else product.title
     sentences: list[str] = []
@@ -30,9 +32,8 @@ def guidance_sentences(
             words = Message("The {part} goes into {holes}", part=title(part), holes=all_of(positions))
         if product is None or product.most[part]:
             sentences.append(words)
-        if product is not None and positions and (whole := product.wholes.get(part)):
-            built = {"place": whole.built_at, "parts": all_of([title(part) for part in whole.made_of])}
-            sentences.append(Message("Build the {part} at {place} of {parts}", part=title(part), **built))
+        if product is not None and positions and part in product.wholes and part not in built:
+            sentences.append(build_words(product, part, title))
     if any_part:
         sentences.append(Message("What goes into {holes} is not sure yet", holes=all_of(any_part)))
     shown = {position for to in (*guidance.values(), any_part) for position in to}
@@ -48,6 +49,12 @@ def _order(product: Product, filled: Collection[str], done: Collection[str]) -> 
             yield Message("Before {step} comes {first}", step=step, first=steps)
         elif not first and step in product.fastenings and step not in done:
             yield Message("Now {step}", step=step_words(product, step))
+
+
+def build_words(product: Product, part: str, title: Callable[[str], str]) -> str:
+    """Where a sub-assembly is built and of what, for people."""
+    place, parts = product.wholes[part].built_at, all_of([*map(title, product.wholes[part].made_of)])
+    return Message("Build the {part} at {place} of {parts}", part=title(part), place=place, parts=parts)
 
 
 def step_words(product: Product, step: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from bracket_cell.production.bookkeeper import PERSON, Placements
 from bracket_cell.trees.vocabulary import ShownAs
 from bracket_cell.viewing.advice import ADVICE, ended_advice
-from bracket_cell.viewing.guidance import step_words
+from bracket_cell.viewing.guidance import build_words, step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
@@ -76,6 +76,7 @@ class OperatorGuide:
         next: (part type, position) that the robot was allowed to place and goes to place; None for nothing.
         doubt: why the robot does not act, in words.
         fastened: names of the fastenings that are done.
+        asks: whether something waits to be acknowledged.
     """
 
     def __init__(self, product: Product, tree: Callable[[], Tree]) -> None:
@@ -86,7 +87,7 @@ class OperatorGuide:
         self._judgement = SafetyDecision()
         self._since_s: dict[str, float] = {}  # by signal that is there
         self._display = Display()
-        self._asks = False
+        self.asks = False
         self._finished = ""  # what was shown when the bracket was assembled
         self._ended: Outcome | None = None
         self._near_since_s = math.inf
@@ -103,7 +104,7 @@ class OperatorGuide:
         self._seen = seen = record.observation
         self._judgement = record.judgement or SafetyDecision()
         self._since_s = {name: self._since_s.get(name, seen.time_s) for name, _ in self._judgement.reasons}
-        self._asks = record.unacknowledged
+        self.asks = record.unacknowledged
         self._display = record.command.display or self._display
         if self._tree() is not self._shown[0]:
             self._shown = _shown_as(self._tree())
@@ -151,14 +152,15 @@ class OperatorGuide:
         return self._placements.parts
 
     @property
-    def asks(self) -> bool:
-        """Whether something waits to be acknowledged."""
-        return self._asks
-
-    @property
     def done(self) -> set[str]:
         """Filled positions and finished fastenings."""
         return {*self.placed, *self.fastened}
+
+    @property
+    def built(self) -> set[str]:
+        """Sub-assemblies that stand ready where they are built."""
+        spots = self._seen.bench.spots if self._seen and self._seen.bench else {}
+        return {*self.product.wholes} & {spot.part for spot in spots.values()}
 
     @property
     def _filled(self) -> Collection[str]:
@@ -239,7 +241,7 @@ class OperatorGuide:
         judged, seen = self._judgement, self._seen
         assert seen is not None
         cause = self.cause
-        if self._asks and cause is not None:
+        if self.asks and cause is not None:
             do = Message(ADVICE[cause[0]])
             return Instruction("alarm", Message("{do}. If all is well, press Acknowledge", do=do))
         if seen.operator.pause == "now":
@@ -280,8 +282,7 @@ class OperatorGuide:
         return Message("Please answer: {question}", question=question.reason)
 
     def _beginning(self) -> Instruction | None:
-        running, seen = set(self._running.values()), self._seen
-        assert seen is not None
+        running = set(self._running.values())
         if ShownAs.AWAITS_HAND in running:
             return Instruction("beginning", "Show your hand to the camera above")
         if self._finished and self._display.message == self._finished:
@@ -301,12 +302,10 @@ class OperatorGuide:
         near = seen.time_s - self._near_since_s >= NEAR_S
         if near and self.next is not None and not self._put:
             part, position = self.next
-            words = Message("Take your hand away from {hole}: I wait", hole=position)
+            words = "Take your hand away from {hole}: I wait"
             if ShownAs.PLACES in running or seen.gripper.holding:
-                words = Message(
-                    "Take your hand away from {hole}: I wait with the {part}", hole=position, part=self._title(part)
-                )
-            return Instruction("waits", words, (position,))
+                words = "Take your hand away from {hole}: I wait with the {part}"
+            return Instruction("waits", Message(words, hole=position, part=self._title(part)), (position,))
         if near and seen.arm.moving:
             return Instruction("waits", "Take your hand away from the robot: I wait")
         if ShownAs.PLACES in running and self.next is not None:
@@ -327,8 +326,7 @@ class OperatorGuide:
             return task
         part, position = self.next
         if not task.words:
-            words = Message("Wait: I bring the {part} to {hole}", part=self._title(part), hole=position)
-            return Instruction("brings", words, (position,))
+            return self._brings(part, position)
         return _also(task, Message("I bring the {part} to {hole}", part=self._title(part), hole=position))
 
     def _task(self) -> Instruction:
@@ -340,19 +338,29 @@ class OperatorGuide:
         holes, seen = self.holes, self._seen
         assert seen is not None
         ready = [at for at in holes if not self.product.missing_before(at, self.done, self._filled)]
-        mine = {position: holes[position].parts[0] for position in ready if holes[position].status == "you"}
+        open_ones = {position: holes[position].parts[0] for position in ready if holes[position].status == "you"}
+        mine = {position: part for position, part in open_ones.items() if part not in self.built}
         hand = seen.bench.hand if seen.bench is not None else None
         held = None if hand is None else hand.held_part
         other = self._any_part(tuple(at for at in ready if holes[at].status == "open"), holes)
         if mine and (held in (None, *mine.values()) or not other.words):
             position = next((at for at, part in mine.items() if held in (None, part)), next(iter(mine)))
+            if whole := self.product.wholes.get(mine[position]):
+                return Instruction("sure", build_words(self.product, mine[position], self._title), (), whole.made_of)
             words = Message("Place the {part} at {hole}", part=self._title(mine[position]), hole=position)
             return Instruction("sure", words, (position,), () if held == mine[position] else (mine[position],))
+        if open_ones and self.next is None and not (mine or other.words):
+            return self._brings(*next((part, position) for position, part in open_ones.items()))
         return other
+
+    def _brings(self, part: str, position: str) -> Instruction:
+        words = Message("Wait: I bring the {part} to {hole}", part=self._title(part), hole=position)
+        return Instruction("brings", words, (position,))
 
     def _any_part(self, open_holes: tuple[str, ...], holes: dict[str, Hole]) -> Instruction:
         """What the person does where more than one part may belong into a hole; nothing where the robot is at it."""
-        unknown = self._display.goal_belief and max(self._display.goal_belief, key=self._believed) == UNKNOWN_GOAL
+        belief = self._display.goal_belief
+        unknown = belief and max(belief, key=lambda goal: belief[goal]) == UNKNOWN_GOAL
         open_holes = tuple(at for at in open_holes if unknown or holes[at].parts)
         if not open_holes:
             return Instruction("sure", "")
@@ -368,12 +376,8 @@ class OperatorGuide:
         """Whether nothing remains to be done, in the likeliest goal where slots may stay empty."""
         return self.done >= set(self.product.steps_of(self._filled))
 
-    def _believed(self, goal: str) -> float:
-        return self._display.goal_belief[goal]
-
     def _title(self, part: str) -> str:
-        known = self.product.parts.get(part)
-        return part if known is None else known.title
+        return self.product.parts[part].title if part in self.product.parts else part
 
 
 def _shown_as(tree: Tree) -> tuple[Tree, dict[int, str]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
+from bracket_cell.viewing.guidance import step_words
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.steps import in_order
 
@@ -101,9 +102,7 @@ def _box(at: tuple[int, int], kind: str, title: str, words: str) -> str:
 def _words(product: Product, step: str, goal: str | None = None) -> str:
     """What is done in a step; without a goal the part types of all of them."""
     if step in product.fastenings:
-        fastening = product.fastenings[step]
-        torque = "" if fastening.torque_nm is None else f" to {fastening.torque_nm:g} Nm"
-        return f"{fastening.title or fastening.how} at {', '.join(fastening.at)}{torque}"
+        return step_words(product, step)
     goals = product.goals if goal is None else [goal]
     types = dict.fromkeys(part for name in goals for part in product.accepted(name).get(step, ()))
     wholes = [product.wholes[part] for part in types if part in product.wholes]

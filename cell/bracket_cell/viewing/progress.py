@@ -91,10 +91,11 @@ class LiveProgress(Observer):
 
     def _panel(self, record: TickRecord) -> Panel:
         rate_hz = self._tick_rate_hz()
+        pace = rate_hz * self._period_s
         you = () if self._instructor is None else (("you", self._instructor.now().words),)
         rows = [
             *you,
-            ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {self._pace(rate_hz)}"),
+            ("time", f"{record.observation.time_s:6.1f} s, {rate_hz:.0f} ticks/s, {pace:.1f} x real time"),
             ("hand", self._hand),
             ("goal", belief_text(self._display.goal_belief)),
             *(("guidance", sentence) for sentence in self._guidance()),
@@ -111,14 +112,10 @@ class LiveProgress(Observer):
                 table.add_row(Text(name, URGENT.get(name, "")), Text(text, URGENT[name] if name == "alarm" else ""))
         return Panel(table, title="cell", title_align="left")
 
-    def _pace(self, rate_hz: float) -> str:
-        return f"{rate_hz * self._period_s:.1f} x real time"
-
     def _guidance(self) -> list[str]:
         shown, instructor = self._display, self._instructor
-        if instructor is None:
-            return guidance_sentences(shown.guidance, shown.any_part)
-        return guidance_sentences(shown.guidance, shown.any_part, instructor.product, instructor.done)
+        known = () if instructor is None else (instructor.product, instructor.done, instructor.built)
+        return guidance_sentences(shown.guidance, shown.any_part, *known)
 
     def _tell_changes(self, time_s: float) -> None:
         fields = {

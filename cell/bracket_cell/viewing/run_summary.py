@@ -26,11 +26,14 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
         rows |= _shift(summary)
     elif "placements" in summary:
         rows |= _assembly(summary, product)
+    if summary.get("contacts"):
+        rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
     rows["time"] = (
         f"{summary['sim_time_s']:.1f} s in the cell, {summary['wall_time_s']:.1f} s on the clock "
         f"({summary['real_time_factor']:.1f} x real time)"
     )
-    rows["ticks"] = f"{summary['ticks']}, {_late(summary['overruns'], tick_hz)}"
+    late = f"{summary['overruns'] or 'none'} of them took longer than the {1000 / tick_hz:.0f} ms that they have"
+    rows["ticks"] = f"{summary['ticks']}, {late}"
     if summary.get("late_causes"):
         rows["late"] = _lateness(summary)
     rows["log"] = str(summary["log"]) + (f" and {summary['log_parts'] - 1} more" if summary["log_parts"] > 1 else "")
@@ -58,7 +61,7 @@ def _result(summary: Mapping[str, Any]) -> str:
 
 def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
     placed = summary["placements"]
-    by_hole = ", ".join(f"{hole} {product.title(placed[hole])}" for hole in sorted(placed))
+    by_hole = ", ".join(f"{hole} {product.title(placed[hole])}" for hole in product.positions if hole in placed)
     inferred, judged = summary.get("inferred_goal"), summary.get("correct") is not None
     right = "the same" if inferred == summary["goal"] else inferred
     goal = {"goal": f"the person built {summary['goal']}; the cell inferred {right}"} if judged else {}
@@ -69,8 +72,6 @@ def _assembly(summary: Mapping[str, Any], product: Product) -> Rows:
     }
     if judged and summary["wrong_placements"]:
         rows["wrong placements"] = str(summary["wrong_placements"])
-    if summary.get("contacts"):
-        rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
     rows["calls for help"] = str(summary["help_requests"] or "none")
     return rows
 
@@ -87,18 +88,9 @@ def _shift(summary: Mapping[str, Any]) -> Rows:
         f"{bracket['number']} ({', '.join(bracket['known_wrong'])})" for bracket in done if bracket.get("known_wrong")
     ]:
         rows["known to be wrong"] = f"bracket {'; '.join(known)}"
-    if finished:
-        mean_s = sum(bracket["sim_time_s"] for bracket in finished) / len(finished)
-        rows["a bracket took"] = (
-            f"{mean_s:.0f} s on average, {max(bracket['sim_time_s'] for bracket in finished):.0f} s at most"
-        )
+    if took_s := [bracket["sim_time_s"] for bracket in finished]:
+        rows["a bracket took"] = f"{sum(took_s) / len(took_s):.0f} s on average, {max(took_s):.0f} s at most"
     by = {who: sum(bracket.get(f"{who}_placements") or 0 for bracket in done) for who in ("robot", "human")}
     rows["placed by"] = f"robot {by['robot']}, person {by['human']}"
-    if summary.get("contacts"):
-        rows["contacts"] = f"{summary['contacts']} of hand and robot, up to {summary['contact_speed_m_s']:.2f} m/s"
     rows["questions"] = str(summary["asked"] or "none")
     return rows
-
-
-def _late(overruns: int, tick_hz: float) -> str:
-    return f"{overruns or 'none'} of them took longer than the {1000 / tick_hz:.0f} ms that they have"

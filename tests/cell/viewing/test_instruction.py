@@ -10,13 +10,16 @@ import pytest
 
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
+from bracket_cell.viewing.guidance import guidance_sentences
 from bracket_cell.viewing.instruction import NEAR_S, OperatorGuide
 from bracket_cell.watching.observer import SentCommand, TickRecord
+from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.command import Command, Display
 from bracket_ground.interfaces.faults import SafetyDecision
 from bracket_ground.interfaces.observation import Observation
-from bracket_ground.interfaces.perception import Action, BenchView, HandSample
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample, HoleView
 from bracket_ground.interfaces.planning import UNKNOWN_GOAL
+from bracket_ground.interfaces.product import Product
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
 from tests import ROOT
@@ -68,6 +71,23 @@ def test_a_leaf_of_ones_own_that_gives_way_is_told(tmp_path: Path, traits: str, 
         )
     assert instructor.next == ("o2", "p4")
     assert instructor.now().moment == moment
+
+
+@pytest.mark.parametrize("at_nest", [None, "body", "pump"])
+def test_a_sub_assembly_is_built_and_then_brought(at_nest: str | None) -> None:
+    product = load_yaml(ROOT / "config" / "examples" / "subassembly" / "product.yaml", Product)
+    tree = load_tree(ROOT / "trees" / "ahead.xml", node_registry(product))
+    guide = OperatorGuide(product, lambda: tree)
+    view = BenchView(0, 10.0, None, {}, Action("idle", 1.0), spots={"nest 0": HoleView(at_nest, 1.0, 10.0)})
+    display = Display(goal_belief={"g0": 1.0}, guidance={"pump": ("p1",)})
+    seen = Observation(0, 10.0, STANDING, EMPTY_GRIPPER, bench=view)
+    rest = tuple(("belief", {"edge": ["o2", at], "source": "robot"}) for at in ("p2", "p3", "p4"))
+    guide.take(TickRecord(seen, "RUNNING", (), rest, Command(display=display), SentCommand(), 0.001, False))  # type: ignore[arg-type]
+    brought = at_nest == "pump"
+    words = "Wait: I bring the pump to p1" if brought else "Build the pump at nest of body and cap"
+    assert (str(guide.now().words), guide.now().bins) == (words, () if brought else ("body", "cap"))
+    sentences = guidance_sentences(display.guidance, (), product, guide.done, guide.built)
+    assert ("Build the pump (pump) at nest of body (body) and cap (cap)" in sentences) == (not brought)
 
 
 @pytest.mark.parametrize("likeliest", [*PRODUCT.goals, UNKNOWN_GOAL])

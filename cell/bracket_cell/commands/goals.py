@@ -31,7 +31,7 @@ def show(
 ) -> None:
     """Show all goals, how often each was finished, and how probable it is for the next bracket."""
     if (then := context.invoked_subcommand) is not None:
-        context.default_map = {then: {"file": file, "config": config, "as_json": as_json}}
+        context.default_map, context.obj = {then: {"file": file, "config": config}}, as_json
         return
     semantic = load_configuration(config).planners.semantic
     kept, made = file or semantic.goals, product_of(config)
@@ -54,10 +54,10 @@ def show(
 
 @goals_app.command()
 def learn(
+    context: typer.Context,
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of finished brackets.")],
     file: FileOption = None,
     config: ConfigOption = CONFIGURATION,
-    as_json: JsonOption = False,
 ) -> None:
     """Learn goals from brackets that recorded runs finished; showing one bracket is such a run."""
     (goals, kept), learned = _open(file, config), []
@@ -70,18 +70,18 @@ def learn(
         what = "not finished, nothing learned" if parts is None else f"{name} ({' '.join(parts)})"
         console().print(f"{path}: {what}", highlight=False)
     goals.save(kept)
-    if as_json:
+    if context.obj:
         print_json({"learned": learned})
 
 
 @goals_app.command()
 def add(
+    context: typer.Context,
     name: Annotated[str, typer.Argument(help="Its name.")],
     parts: Annotated[list[str] | None, typer.Argument(metavar="PART...", help="The part at every position.")] = None,
     finished: Annotated[int, typer.Option(min=0, help="Finished brackets that it counts for; 0 forgets it.")] = 3,
     file: FileOption = None,
     config: ConfigOption = CONFIGURATION,
-    as_json: JsonOption = False,
 ) -> None:
     """Add a goal by hand, or say how often one was finished: never, to forget what was learned of it."""
     goals, path = _open(file, config)
@@ -93,7 +93,7 @@ def add(
     changed.check(path)
     changed.save(path)
     console().print(f"{name} ({' '.join(added.parts)}), finished {finished}, in {path}", highlight=False)
-    if as_json:
+    if context.obj:
         print_json({"goal": name, "parts": added.parts, "finished": finished, "file": str(path)})
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
+import can
 import pytest
 
 from bracket_cell.skills.drivers.can_signals import CanSignals
@@ -55,6 +57,23 @@ def test_an_input_follows_an_output_and_silence_is_a_fault() -> None:
         master.read()
     node.close()
     master.close()
+
+
+def test_a_bus_that_is_never_empty_is_a_fault_and_no_endless_tick() -> None:
+    """A node that babbles faster than frames are read."""
+    left = [0]
+
+    class Babbles:
+        def send(self, _: can.Message) -> None: ...
+
+        def recv(self, timeout: float) -> can.Message | None:
+            left[0] -= 1
+            assert left[0] > -10_000, f"it reads for ever (timeout {timeout})"
+            return can.Message(arbitration_id=0x1A0, data=b"\x08", is_extended_id=False)
+
+    master = CanSignals(settings("babbles"), ManualClock(), cast("can.BusABC", Babbles()))
+    with pytest.raises(DeviceFault, match="more than 500 frames wait"):
+        master.read()
 
 
 def test_a_tree_sets_signals_and_waits_for_them(tmp_path: Path) -> None:

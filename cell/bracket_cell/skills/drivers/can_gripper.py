@@ -22,6 +22,7 @@ from bracket_ground.interfaces.observation import GripperState, NodeState, Objec
 from bracket_ground.interfaces.robot import RobotModel
 
 MISSED_PERIODS = 1.5
+KERNEL = "socketcan"  # filters; elsewhere python-can does, and a frame of others would end the reading of a tick
 FRAMES_A_TICK = 500  # that are read; what is left waits, and how old it is by then nobody knows
 ADOPTED_FORCE_N = 60.0  # the status does not tell with what force an adopted gripper holds
 KEEP_ALIVE_S = 0.08  # the gripper faults after 1 s without a command, and a lost command is repeated by this
@@ -60,7 +61,7 @@ class CanGripper:
 
     A gripper that is active already is adopted as it is: the first status tells what it was asked for, and its fingers
     stay where they are. One that restarts is left alone: nothing activates it again but `activate`. On a bus that
-    echoes what is sent, a frame that does not come back did not go out. Frames of others are filtered out by the bus.
+    echoes what is sent, a frame that does not come back did not go out. Frames of others are passed over.
 
     Args:
         bus: opened already; by default the one that the settings name.
@@ -84,10 +85,11 @@ class CanGripper:
             database.get_message_by_name(gripper_database.STATUS).get_signal_by_name("gFLT").choices or {}
         )
         self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, echo=True)
-        wanted = (*self._received, self._command.frame_id)
-        self._bus.set_filters([{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in wanted])
+        self._wanted = {*self._received, self._command.frame_id}
+        if settings.interface == KERNEL:
+            self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in self._wanted])
         self._clock, self._settings = clock, settings
-        self._tap: Tap = _nobody
+        self._tap: Tap = lambda _: None
         self._ranges = ranges(gripper)
         starts = {"rPR": self._ranges["rPR"][1], "rSP": self._ranges["rSP"][0], "rFR": self._ranges["rFR"][0]}
         self._request = {"rACT": 0.0, "rGTO": 0.0, "rATR": 0.0, "rARD": 0.0, **starts}
@@ -210,6 +212,8 @@ class CanGripper:
     def _receive(self, message: can.Message) -> None:
         if message.is_error_frame:
             self._errors.append("error frames")
+            return
+        if message.arbitration_id not in self._wanted:
             return
         if message.arbitration_id == self._command.frame_id and not message.is_extended_id:
             if message.is_rx:
@@ -352,10 +356,6 @@ class CanGripper:
         self._full_s = now if self._full_s is None else self._full_s
         self._errors.append("the queue of what is to be sent is full")
         return errno.ENOBUFS in codes and now - self._full_s < KEEP_ALIVE_S
-
-
-def _nobody(_: CanFrame) -> None:
-    """Nobody listens."""
 
 
 def _differ(status: Mapping[str, float], other: Mapping[str, float]) -> bool:

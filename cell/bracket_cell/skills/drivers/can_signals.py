@@ -10,7 +10,7 @@ from bracket_ground.interfaces.can_bus import open_bus
 from bracket_ground.interfaces.clock import Clock
 
 INPUTS, OUTPUTS, NETWORK = 0x180, 0x200, 0x000  # the module's node id is added to the first two
-START = 0x01
+START, FRAMES_A_TICK = 0x01, 500
 
 
 class CanSignals:
@@ -64,13 +64,16 @@ class CanSignals:
 
     def _drain(self) -> None:
         try:
-            while (message := self._bus.recv(timeout=0)) is not None:
+            for _ in range(FRAMES_A_TICK):
+                if (message := self._bus.recv(timeout=0)) is None:
+                    return
                 odd = message.is_error_frame or message.is_remote_frame or message.is_extended_id
                 if message.arbitration_id == INPUTS + self._settings.node_id and not odd and message.data:
                     self._bits = int.from_bytes(message.data, "little")
                     self._told_s = self._clock.now_s()
         except (can.CanError, OSError) as error:
             raise DeviceFault("signals", f"reading the CAN bus failed: {words_of(error)}") from error
+        raise DeviceFault("signals", f"more than {FRAMES_A_TICK} frames wait: how old the inputs are, nobody knows")
 
     def _send(self, identifier: int, data: bytes) -> None:
         try:

@@ -53,13 +53,10 @@ class _Pipeline:
         try:
             self._mm = 1e3 * device.first_depth_sensor().get_depth_scale() if setup.depth else 0.0
             sensor, option = device.first_color_sensor(), pyrealsense2.option
-            for name, value in (
-                (option.enable_auto_exposure, 0.0),
-                (option.enable_auto_white_balance, 0.0),
-                (option.exposure, settings.exposure),
-                (option.global_time_enabled, 1.0),
-            ):
-                sensor.set_option(name, value)
+            sensor.set_option(option.enable_auto_exposure, 0.0)
+            sensor.set_option(option.enable_auto_white_balance, 0.0)
+            sensor.set_option(option.exposure, settings.exposure)
+            sensor.set_option(option.global_time_enabled, 1.0)
         except RuntimeError as error:
             self.close()
             raise OSError(f"RealSense: {error}") from error

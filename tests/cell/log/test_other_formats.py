@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import can
+import cv2
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
@@ -18,7 +19,7 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.log.read.reader import Log
 from bracket_cell.log.report.export import export
-from bracket_cell.log.training.lerobot import write_lerobot
+from bracket_cell.log.training.lerobot import FilmedVideo, write_lerobot
 from bracket_ground.errors import InputError
 from tests import ROOT
 
@@ -56,6 +57,25 @@ def test_an_episode_has_a_row_for_each_frame_time(data_set: Path, assembly_log: 
     about = parquet.read_table(data_set / "meta/episodes/chunk-000/file-000.parquet").to_pydict()
     assert about["length"] == counts
     assert about[f"videos/{VIDEO}/to_timestamp"][0] == pytest.approx(counts[0] / 15)
+
+
+@pytest.mark.parametrize("size", [(360, 481), (361, 480), (361, 481), (360, 480)])
+def test_a_camera_has_any_size(size: tuple[int, int], tmp_path: Path) -> None:
+    video = FilmedVideo(tmp_path / "a.mp4", 15.0)
+    for _ in range(3):
+        video.add(np.full((*size, 3), 80, np.uint8))
+    video.close()
+    there, image = cv2.VideoCapture(str(tmp_path / "a.mp4")).read()
+    assert there
+    assert image.shape == (*size, 3)
+
+
+def test_of_a_slow_camera_there_is_a_row_a_second(
+    assembly_log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bracket_cell.log.training.lerobot.rate_hz_of", lambda *_, **__: 0.3)
+    assert write_lerobot([assembly_log], tmp_path / "set") > 0
+    assert json.loads((tmp_path / "set/meta/info.json").read_text())["fps"] == 1
 
 
 def test_images_that_the_log_left_out_change_no_rate(assembly_log: Log, tray_log: Log, tmp_path: Path) -> None:

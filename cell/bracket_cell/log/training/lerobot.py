@@ -28,7 +28,6 @@ CAMERAS = ("overhead", "wrist")
 AXES = ("height", "width", "channels")
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
 CODEC, ENCODER = "h264", "libx264"
-PIXELS = "yuv420p"
 PATHS = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 
@@ -40,7 +39,6 @@ class FilmedVideo:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._av, self._file = av, av.open(str(path), "w")
         self._stream = self._file.add_stream(ENCODER, rate=round(rate_hz))
-        self._stream.pix_fmt = PIXELS
         self._size = (0, 0)
 
     def add(self, bgr: Any) -> None:
@@ -52,6 +50,7 @@ class FilmedVideo:
         size = (bgr.shape[1], bgr.shape[0])
         if self._size == (0, 0):
             self._size = self._stream.width, self._stream.height = size
+            self._stream.pix_fmt = _pixels(size)
         if size != self._size:
             raise InputError("frames of several sizes do not go into one video")
         self._put(self._stream.encode(self._av.VideoFrame.from_ndarray(bgr, format="bgr24")))
@@ -79,7 +78,7 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
         raise InputError(f"{folder}: exists already; name a new folder")
     _arrow()  # before anything is written
     filmed = any(map(image_times_s, logs))
-    rates = {round(rate_hz_of(log, filmed=filmed)) for log in logs}
+    rates = {max(1, round(rate_hz_of(log, filmed=filmed))) for log in logs}
     if len(rates) > 1:
         raise InputError(f"the logs have images at {sorted(rates)} a second; a data set has one rate")
     rate_hz = rates.pop()
@@ -99,6 +98,11 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {words_of(error)}") from None
     return sum(len(episode.times_s) for episode in episodes)
+
+
+def _pixels(size: tuple[int, int]) -> str:
+    """Colours of two rows and columns together, as every player has it; of an odd size each has its own."""
+    return "yuv444p" if size[0] % 2 or size[1] % 2 else "yuv420p"
 
 
 def _video(camera: str) -> str:
@@ -228,7 +232,7 @@ def _about_video(size: tuple[int, int], rate_hz: float) -> dict[str, Any]:
         "video.height": size[0],
         "video.width": size[1],
         "video.codec": CODEC,
-        "video.pix_fmt": PIXELS,
+        "video.pix_fmt": _pixels(size),
         "video.is_depth_map": False,
         "video.fps": rate_hz,
         "video.channels": 3,

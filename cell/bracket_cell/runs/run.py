@@ -98,10 +98,10 @@ def run(options: RunOptions, console: Console) -> RunResult:
 
 def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> RunResult:
     configuration = load_configuration(options.configuration)
+    named = "--page"
     if isinstance(panel := configuration.devices.panel, PagePanel) and options.page is None:
-        options = replace(options, page=panel.at)
-    if options.page is not None:
-        Address.parse(options.page, "--page")  # before a file is touched
+        options, named = replace(options, page=panel.at), f"{options.configuration}: devices.panel.at"
+    Address.parse(options.page or "0", named)  # before a file is touched
     options.refuse_simulated(configuration)
     configuration = simulated(configuration, options.look, options.person)
     if options.brackets is not None:

@@ -230,6 +230,14 @@ def test_a_log_that_is_there_stays(taken: str, tmp_path: Path, capsys: pytest.Ca
     assert (tmp_path / taken).read_bytes() == b"my only log"
 
 
+def test_an_address_of_the_page_is_told_by_where_it_was_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = write_cell(tmp_path, cell=("devices.panel", {"kind": "page", "at": "a..b:80"}))
+    assert main(["run", "--config", str(config), "--log", str(tmp_path / "log.mcap")]) == 2
+    assert f"{config}: devices.panel.at a..b:80: name the host" in capsys.readouterr().err
+
+
 def test_a_typing_mistake_in_the_goal_leaves_an_old_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "log.mcap").write_bytes(b"my only log")
     assert main(["lab", "run", "--log", str(tmp_path / "log.mcap"), "--overwrite", "--goal", "g9"]) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -92,13 +93,16 @@ class Node:
         core = needed("cyclonedds.core", PACKAGE_OF, "ros2")
         local = settings.network == LOCAL
         by = "address" if settings.network[0].isdigit() or ":" in settings.network else "name"
+        names = [name for _, name in socket.if_nameindex()]
+        if by == "name" and settings.network not in names:  # DDS would write to the terminal
+            raise InputError(f"ROS 2: no network {settings.network!r} here; there are: {', '.join(names)}")
         peers = f'<Peers><Peer address="{LOCAL}"/></Peers>' if local else ""
         text = SETTINGS.format(by=by, network=settings.network, multicast="false" if local else "default", peers=peers)
         try:
             domain = self._dds.Domain(settings.domain, text)
             participant = self._dds.DomainParticipant(settings.domain)
-        except core.DDSException as error:
-            raise InputError(f"ROS 2: no network {settings.network!r} here ({type(error).__name__})") from None
+        except core.DDSException:
+            raise InputError(f"ROS 2: no network {settings.network!r} here") from None
         DOMAINS[settings.domain] = settings.network, domain, participant
         return participant
 

@@ -45,9 +45,8 @@ class Ros2Gripper:
         node, self._name = Node(settings), f"{settings.namespace}{settings.action}"
         self._action = ActionClient(node, self._name, ACTION, settings.middleware)
         self._reader = node.subscription(f"{settings.namespace}/joint_states", JOINTS, SENSOR)
-        self._activation = Caller(
-            node, f"{settings.namespace}{settings.activate}", "std_srvs/srv/Trigger", settings.middleware
-        )
+        service = f"{settings.namespace}{settings.activate}"
+        self._activation = Caller(node, service, "std_srvs/srv/Trigger", settings.middleware)
         if not self._action.there(ANSWER_S * self._slower):
             raise DeviceFault("gripper", f"no node has the action {self._name}")
         self._lock, self._closed = threading.Lock(), threading.Event()

@@ -68,9 +68,8 @@ class Ros2Signals:
             DeviceFault: there is no such output.
         """
         if name not in self._settings.outputs:
-            raise DeviceFault(
-                "signals", f"no output {name!r}; there are: {', '.join(self._settings.outputs) or 'none'}"
-            )
+            legal = ", ".join(self._settings.outputs) or "none"
+            raise DeviceFault("signals", f"no output {name!r}; there are: {legal}")
         with self._lock:
             self._wanted[name] = value
 
@@ -86,9 +85,8 @@ class Ros2Signals:
             self._set()
 
     def _note(self, came: Any) -> None:
-        inputs, outputs = (
-            {pin.pin: pin.state for pin in of} for of in (came.digital_in_states, came.digital_out_states)
-        )
+        told = came.digital_in_states, came.digital_out_states
+        inputs, outputs = ({pin.pin: pin.state for pin in of} for of in told)
         with self._lock:
             self._came_s = self._clock.now_s()
             self._inputs = {name: inputs[pin] for name, pin in self._settings.inputs.items() if pin in inputs}

@@ -254,9 +254,10 @@ def test_an_image_that_cannot_be_is_told(changes: dict[str, Any], words: str) ->
     overhead.close()
 
 
-def test_a_network_that_is_not_there_and_another_one_are_refused() -> None:
-    with pytest.raises(InputError, match="no network 'nothing0' here"):
+def test_a_network_that_is_not_there_and_another_one_are_refused(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"no network 'nothing0' here; there are: .*lo"):
         Node(DdsSettings(domain=DOMAIN + 1, network="nothing0"))
+    assert capfd.readouterr().err == ""
     Node(DdsSettings(domain=DOMAIN))
     with pytest.raises(InputError, match=rf"domain {DOMAIN} is on 127\.0\.0\.1 already"):
         Node(DdsSettings(domain=DOMAIN, network="192.0.2.1"))

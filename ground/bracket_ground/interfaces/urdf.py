@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-XACRO = "xacro:"
+XACRO = ("xacro:", "${", "$(")  # what only its files have, in tags and values
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
 LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
@@ -78,13 +78,13 @@ def element(text: str, path: Path) -> ElementTree.Element:
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        raise ValueError(f"{path}: not a URDF: {error}") from None
+        raise ValueError(f"{path}: line {error.lineno}: not well-formed XML: {expat.ErrorString(error.code)}") from None
     root = builder.close()
     if root.tag != "robot":
         raise ValueError(f"{path}: its root is <{root.tag}>, legal: <robot>")
     if (count := len(root.findall("link"))) > MOST_LINKS:
         raise ValueError(f"{path}: has {count} links, at most {MOST_LINKS} are read")
-    if any(entry.tag.startswith(XACRO) for entry in root.iter()):
+    if any(word in text for entry in root.iter() for text in (entry.tag, *entry.attrib.values()) for word in XACRO):
         raise ValueError(f"{path}: holds macros: let `xacro` make a URDF of it")
     if wrong := [*_wrong_tree(root)]:
         raise ValueError(f"{path}: {'; '.join(wrong)}")

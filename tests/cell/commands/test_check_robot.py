@@ -41,9 +41,11 @@ def heavy(values: str) -> str:
 
 
 BROKEN = {
-    "no XML": ("<robot", "not a URDF"),
+    "no XML": ("<robot", "line 1: not well-formed XML: "),
     "another root": ("<sdf/>", "its root is <sdf>"),
     "macros": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:arm/></robot>", "let `xacro` make a URDF"),
+    "a macro's value": (SEVEN.replace('velocity="2.2"', 'velocity="${speed}"', 1), "let `xacro` make a URDF"),
+    "a macro's file": (SEVEN.replace('name="drawn"', 'name="$(arg name)"'), "let `xacro` make a URDF"),
     "nothing in it": ("<robot name='a'/>", "has no <link>"),
     "a link without name": (SEVEN.replace('<link name="foot"/>', "<link/>").replace('"foot"', '""'), "has no name"),
     "a joint without name": (SEVEN.replace('name="ax3" ', ""), "a <joint> has no name"),

@@ -77,7 +77,7 @@ BROKEN = {
     "no flange": (URDF.replace("tool0", "flange"), "no link is the flange 'tool0' .*links: .*base_link"),
     "no limit": (re.sub(r"<limit[^>]*54[^>]*/>", "", URDF), "wrist_1_joint has no <limit>"),
     "no room": (URDF.replace(ELBOW, ""), "elbow: no value is within its limits"),
-    "not XML": (URDF[:900], "not a URDF"),
+    "not XML": (URDF[:900], "not well-formed XML"),
     "another format": ("<mujoco/>", "its root is <mujoco>"),
     "empty": ("<robot name='a'/>", "has no <link>"),
     "bad number": (URDF.replace('lower="-3.14159265359"', 'lower="a lot"'), "elbow_joint: <limit> has lower='a lot'"),

@@ -19,6 +19,7 @@ from bracket_ground.errors import InputError
 
 Row = dict[str, Any]
 OF = "rows_of"
+SHORT = 80  # letters of what differs
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)  # a share that knows none
 
 
@@ -160,9 +161,14 @@ class RowStore:
             at += len(line)
         return at
 
-    def _require(self, found: object, wanted: object) -> None:
+    def _require(self, found: object, wanted: Row) -> None:
+        """What differs is named, with its values where they are short."""
         if found != wanted:
-            raise InputError(f"{self._path}:1: rows of {found or 'something else'}, not of {wanted}; name another file")
+            there = found if isinstance(found, dict) else {}
+            names = [name for name in wanted | there if there.get(name) != wanted.get(name)]
+            pairs = {name: f"{name} {there.get(name, 'unknown')}, not {wanted.get(name, 'unknown')}" for name in names}
+            what = "; ".join(text if len(text) < SHORT else f"other {name}" for name, text in pairs.items())
+            raise InputError(f"{self._path}:1: rows of {what}; name another file")
 
     def _key(self, row: Mapping[str, Any]) -> Any:
         """Raises: KeyError: it is no row of this store."""

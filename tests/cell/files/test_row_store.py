@@ -47,6 +47,14 @@ def test_a_file_of_something_else_is_refused_and_left_as_it_is(
     assert path.read_text() == text
 
 
+def test_a_refusal_names_what_differs_alone(tmp_path: Path) -> None:
+    path, weights = tmp_path / "rows.jsonl", dict.fromkeys(map(str, range(99)), "0123456789abcdef")
+    RowStore(path, ["seed"], {"command": "mine", "code": "a1", "weights": weights})
+    with pytest.raises(InputError) as refused:
+        RowStore(path, ["seed"], {"command": "mine", "code": "b2", "weights": {**weights, "0": "f"}})
+    assert str(refused.value) == f"{path}:1: rows of code a1, not b2; other weights; name another file"
+
+
 def test_a_row_is_kept_once_for_its_key(tmp_path: Path) -> None:
     path = tmp_path / "runs.jsonl"
     path.write_text('{"key": "a"}\n{"key": "b", "se')

@@ -13,6 +13,18 @@ from pydantic import ValidationError
 ERRNO = re.compile(r"(^.* Detail: )?\[[Ee]rrno -?\d+\] | \(while attempting to bind .*")  # of pyarrow, of Python
 ENDLESS = re.compile(r"(\w{40})\w{216,}")  # a word that is longer than any name of a file
 
+MAPPING, LIST = "keys with values", "a list"
+KINDS = {  # what a value should be, by pydantic's names of errors, where its words are Python's or its own
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
+    **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
+    **dict.fromkeys(("float_type", "float_parsing", "number"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    "string_type": "text",
+    "path_type": "a path",
+}
+SHOULD = "input should be "
+
 
 class CellError(Exception):
     """Root of all errors that this project raises on purpose; one that goes to another process stays what it is."""
@@ -41,7 +53,7 @@ def mistakes(error: BaseException) -> list[str]:
     match error:
         case ValidationError():
             each = error.errors(include_url=False, include_input=False)
-            told = [(".".join(map(str, one["loc"])), one["msg"].removeprefix("Value error, ")) for one in each]
+            told = [(".".join(map(str, one["loc"])), wanted(one["type"], one["msg"])) for one in each]
             return [f"{key}: {what}" if key else what for key, what in told]
         case json.JSONDecodeError():
             return [f"is no JSON: {error.msg} (character {error.pos})"]
@@ -54,6 +66,11 @@ def mistakes(error: BaseException) -> list[str]:
         case TypeError() | AttributeError() | RecursionError():
             return ["has a value of another kind than it should"]
     return [str(error)]
+
+
+def wanted(kind: str, words: str) -> str:
+    """What a value should be, by pydantic's name of the error and its words."""
+    return f"{SHOULD}{KINDS[kind]}" if kind in KINDS else words.removeprefix("Value error, ")
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ _NOT_FINITE = core_schema.literal_schema(["nan", "inf", "-inf"])  # JSON has no 
 _PLAIN: Mapping[str, CoreSchema] = {
     "number": core_schema.union_schema(
         [core_schema.float_schema(strict=True), _NOT_FINITE],
-        custom_error_type="number", custom_error_message="Input should be a valid number",
+        custom_error_type="number", custom_error_message="no number",
     ),
     "integer": core_schema.int_schema(strict=True), "string": core_schema.str_schema(strict=True),
     "boolean": core_schema.bool_schema(strict=True), "object": core_schema.dict_schema(),

@@ -15,28 +15,17 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.errors import KINDS, LIST, MAPPING, SHOULD, InputError, Place, Problem, wanted
 from bracket_ground.files.files import read_text, whole_or_none
 from bracket_ground.files.model import Disagreement, Location
 
 M = TypeVar("M", bound=BaseModel)
 FAST: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast; what it refuses, the other one words
 NOT_YAML = (yaml.YAMLError, ValueError, RecursionError)
-MAPPING, LIST = "keys with values", "a list"
 MOST_NESTED = 64  # levels; the parser in C ends the process at some ten thousand
 MOST_VALUES = 1_000_000  # with what aliases repeat
 MOST_BITS, SHOWN = 1024, 40  # of a whole number; characters of what is refused
 BEGINS, ENDS = yaml.CollectionStartEvent, yaml.CollectionEndEvent
-IN_YAML = {  # what a value should be, by pydantic's names of errors, where its words are Python's or its own
-    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), MAPPING),
-    **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), LIST),
-    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
-    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
-    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
-    "string_type": "text",
-    "path_type": "a path",
-}
-SHOULD = "input should be "
 COUNTED = {
     "too_long": "at most {max_length} values are legal here, not {actual_length}",
     "too_short": "at least {min_length} values are needed here, not {actual_length}",
@@ -301,12 +290,12 @@ def _problems(path: Path, root: Node, model: type[BaseModel], details: ErrorDeta
         what = f"{_dotted(tuple(around))}: value {last + 1}" if isinstance(last, int) else f"key {last!r}"
         return [Problem(_place(path, root, tuple(around)), f"{what} is missing")]
     kind, got = details["type"], details["input"]
-    what = f"{SHOULD}{IN_YAML[kind]}" if kind in IN_YAML else details["msg"].removeprefix("Value error, ")
+    what = wanted(kind, details["msg"])
     if kind in COUNTED:
         what = COUNTED[kind].format(**details["ctx"])
     _, node, steps = _found(root, location)
     what = f"{_dotted(steps)}: {what[:1].lower()}{what[1:]}{_not(got, kind)}"
-    legal = suggestion("", _legal_keys(model, location) if IN_YAML.get(kind) == MAPPING else [])
+    legal = suggestion("", _legal_keys(model, location) if KINDS.get(kind) == MAPPING else [])
     if kind == "string_type" and isinstance(node, ScalarNode) and node.value:
         legal = f"in quotes {node.value[:SHOWN]!r} is text"
     return [Problem(_place(path, root, location), what, legal)]

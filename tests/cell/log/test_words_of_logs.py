@@ -85,11 +85,11 @@ def test_what_data_that_do_not_fit_raise_is_told_in_words(error: Exception, word
 @pytest.mark.parametrize(
     ("topic", "fields", "words"),
     [
-        ("/timing", {"wall_s": "x"}, "wall_s: Input should be a valid number"),
-        ("/tick", {"changes": [{"path": 3}]}, "changes.0.path: Input should be a valid string"),
-        ("/judgement", {"reasons": [["arm_lost", 1]]}, "reasons.0.words: Input should be a valid string"),
-        ("/observation", {"time_s": {}}, "time_s: Input should be a valid number"),
-        ("/command", {"follow": []}, "follow: Input should be a valid dictionary"),
+        ("/timing", {"wall_s": "x"}, "wall_s: input should be a number"),
+        ("/tick", {"changes": [{"path": 3}]}, "changes.0.path: input should be text"),
+        ("/judgement", {"reasons": [["arm_lost", 1]]}, "reasons.0.words: input should be text"),
+        ("/observation", {"time_s": {}}, "time_s: input should be a number"),
+        ("/command", {"follow": []}, "follow: input should be keys with values"),
     ],
 )
 def test_a_message_of_other_types_is_refused_by_what_is_wrong(topic: str, fields: dict[str, Any], words: str) -> None:

@@ -14,7 +14,7 @@ import typer
 
 from bracket_cell.commands.log_terminal import AtOption, spared
 from bracket_cell.commands.options import HtmlOption, OverwriteOption, WithOption, always_loaded, user_files
-from bracket_cell.commands.terminal import complain, console
+from bracket_cell.commands.terminal import complain, console, printable
 from bracket_ground.errors import InputError, LogError
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def _tell(shown: TreeAt) -> None:
     when = "" if math.isnan(shown.time_s) else f" at {shown.time_s:.2f} s"
     name = next(shown.xml.iter("BehaviorTree")).get("ID", "")
     lines = [line.text().plain for line in lines_of(shown.xml, shown.statuses, shown.said)]
-    sys.stdout.writelines(f"{line}\n" for line in [f"{name}{when}", *lines])
+    sys.stdout.writelines(f"{printable(line)}\n" for line in [f"{name}{when}", *lines])
 
 
 def _draw(drawing: str, svg: Path | None, png: Path | None) -> None:

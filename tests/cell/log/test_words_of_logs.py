@@ -47,6 +47,8 @@ def rewritten(path: Path, topic: str, fields: dict[str, Any]) -> Path:
             number = counts[message.topic]
             writer.add_message(channels[message.topic], message.time_ns, data, message.time_ns, number)
         writer.add_metadata("run", dict(log.metadata))
+        for name, data in log.attachments.items():
+            writer.add_attachment(0, 0, name, "", data)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
@@ -125,6 +127,15 @@ def test_what_a_log_says_moves_no_cursor(tmp_path: Path, capsys: pytest.CaptureF
         told = "".join(capsys.readouterr())
         assert "\x1b" not in told
         assert "x1b[2J" in told or topic == "/tick"
+
+
+def test_a_tree_of_a_log_moves_no_cursor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tick = next(message for message in case().messages if message.topic == "/tick")
+    changes = [{**row, "feedback": "\x1b[2Jgone"} for row in orjson.loads(tick.data)["changes"]]
+    assert main(["show", str(rewritten(tmp_path / "log.mcap", "/tick", {"changes": changes})), "--at", "0"]) == 0
+    told = capsys.readouterr().out
+    assert "\\x1b[2Jgone" in told
+    assert "\x1b" not in told
 
 
 def test_why_is_asked_of_logs_of_this_program_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

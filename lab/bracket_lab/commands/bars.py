@@ -20,6 +20,7 @@ from typer import Option
 from bracket_cell.commands.options import JsonOption
 from bracket_cell.commands.terminal import BESIDE, console, print_json
 from bracket_cell.configuration import DEFAULT_CONFIGURATION
+from bracket_cell.fleet.intervals import wilson
 from bracket_cell.kinds import WEIGHTS
 from bracket_cell.learned.inference.onnx_model import digest_of
 from bracket_cell.packages import version
@@ -43,7 +44,7 @@ class Figure(Model):
         least, most: the bar; neither for what is only told.
         trivial: what an answer without looking gets, or where the command's answer says it, by dotted names.
         paper: the paper's figure under the same conditions.
-        n: how many are counted, where the answer does not say it.
+        n: how many are counted, where the answer does not say it; of a share without an interval a number.
     """
 
     claim: str
@@ -74,6 +75,8 @@ class Figure(Model):
         bar = self.least if self.least is not None else self.most
         met = None if bar is None else value >= bar if self.least is not None else value <= bar
         beside = {"bar": bar, "met": met, "trivial": trivial, "paper": self.paper, "n": count}
+        if low is None and isinstance(count, int):
+            low, _, high = wilson(round(value * count), count)
         ends = None if low is None else [_short(low), _short(high)]
         return {"claim": self.claim, "figure": _short(value), "interval": ends, **beside}
 

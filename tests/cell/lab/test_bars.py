@@ -45,6 +45,12 @@ def test_measured_rows_take_the_places_of_those_before(tmp_path: Path) -> None:
         write_rows("smelling", "Feet", [again], tmp_path)
 
 
+def test_a_share_of_a_number_has_an_interval_though_its_command_tells_none() -> None:
+    strict = Figure(claim="strict", key="strict_success_all", n=186)
+    assert strict.of({"strict_success_all": 132 / 186})["interval"] == [0.6407, 0.7701]
+    assert strict.model_copy(update={"n": "186 states"}).of({"strict_success_all": 0.7})["interval"] is None
+
+
 def test_the_cost_is_told_before_anything_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "eval", "bars", "--first-seed", "982000", "--only", "holes", "--plan"]) == 0
     assert "h of a GPU in all" in capsys.readouterr().err

@@ -168,6 +168,13 @@ def test_a_dearer_wrong_act_is_done_later_and_a_dearer_question_is_asked_more_ra
     assert asked == [True, True, False]
 
 
+@pytest.mark.parametrize("name", ["taken_out", "against_told", "replaced"])
+def test_what_a_person_puts_back_speaks_against_no_goal_though_no_hole_has_shown_it_yet(name: str) -> None:
+    gone = AssemblyState({}, **{name: {"p1": "o1", "p2": "o2"}})
+    assert getattr(gone.with_placement("o1", "p1"), name) == {"p2": "o2"}
+    assert getattr(gone.with_placement("o3", "p1"), name) == {"p1": "o1", "p2": "o2"}
+
+
 def test_a_part_taken_out_speaks_against_every_goal_that_wants_it_there() -> None:
     plan = believed(g0=0.9, g1=0.04, g2=0.0)
     gone = AssemblyState({"p2": "o1"}, taken_out={"p1": "o1"})

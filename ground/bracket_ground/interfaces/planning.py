@@ -96,13 +96,18 @@ class AssemblyState:
         return {at: part for at, part in self.kept.items() if part is not None and at not in self.known_wrong}
 
     def with_placement(self, part: str, position: str, shares: Mapping[str, float] | None = None) -> AssemblyState:
-        """The state after one more part.
+        """The state after one more part; what is put back where it was taken out belongs there.
 
         Args:
             shares: how probable each type is, where that is not sure.
         """
-        doubts = {**self.doubts, position: shares} if shares else self.doubts
-        return replace(self, placed={**self.placed, position: part}, doubts=doubts)
+        doubts, placed = {**self.doubts, position: shares} if shares else self.doubts, {**self.placed, position: part}
+        taken_out, against_told, replaced = (
+            {at: kind for at, kind in gone.items() if placed.get(at) != kind}
+            for gone in (self.taken_out, self.against_told, self.replaced)
+        )
+        now = replace(self, placed=placed, doubts=doubts, taken_out=taken_out)
+        return replace(now, against_told=against_told, replaced=replaced)
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,9 @@ def _believed(left: ResumeState, fields: dict[str, Any]) -> ResumeState:
     graph = left.graph
     if fields.get("edge"):
         part, position = fields["edge"]
-        others = {name: kind for name, kind in graph.placed.items() if name != position}
-        return _seen(left, placed={**others, position: part} if part is not None else others)
+        if part is not None:
+            return replace(left, graph=graph.with_placement(part, position))
+        return _seen(left, placed={name: kind for name, kind in graph.placed.items() if name != position})
     if "told" in fields:
         return _seen(left, told_goal=fields["told"], denied=())
     if "denied" in fields:

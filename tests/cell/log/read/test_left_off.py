@@ -65,6 +65,13 @@ def test_edges_that_were_taken_back_and_brackets_that_ended_are_followed() -> No
     assert (second.bracket, second.ended, second.state.told_goal, second.state.placed) == (2, False, "g1", {})
 
 
+def test_what_was_taken_out_and_put_back_is_not_taken_out_any_more() -> None:
+    gone = ("belief", {"edge": [None, "p1"], "source": "seen hole"}), ("belief", {"taken_out": {"p1": "o1"}})
+    assert after(*gone).state.taken_out == {"p1": "o1"}
+    back = after(*gone, ("belief", {"edge": ["o1", "p1"], "source": "action"})).state
+    assert (back.placed, back.taken_out) == ({"p1": "o1"}, {})
+
+
 def test_a_goal_that_was_learned_is_learned_again() -> None:
     ended = ("bracket", {"number": 1, "edge": "end", "finished": True, "placed": G0, "goal": "new1"})
     assert after(ended, ended).finished == (tuple(G0[position] for position in PRODUCT.positions),)

@@ -170,7 +170,7 @@ def test_a_dearer_wrong_act_is_done_later_and_a_dearer_question_is_asked_more_ra
 
 @pytest.mark.parametrize("name", ["taken_out", "against_told", "replaced"])
 def test_what_a_person_puts_back_speaks_against_no_goal_though_no_hole_has_shown_it_yet(name: str) -> None:
-    gone = AssemblyState({}, **{name: {"p1": "o1", "p2": "o2"}})
+    gone = replace(AssemblyState({}), **{name: {"p1": "o1", "p2": "o2"}})  # type: ignore[arg-type]
     assert getattr(gone.with_placement("o1", "p1"), name) == {"p2": "o2"}
     assert getattr(gone.with_placement("o3", "p1"), name) == {"p1": "o1", "p2": "o2"}
 

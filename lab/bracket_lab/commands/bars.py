@@ -71,7 +71,7 @@ class Figure(Model):
         value, data = self._number(self.key, data)
         last = self.key.rpartition(".")[2]
         low, high = (data.get(f"{last}_{end}", data.get(end) if last == "share" else None) for end in ("low", "high"))
-        count = self.n or (data.get("n") if last == "share" else None)
+        count = self.n or data.get(f"{last}_n", data.get("n") if last == "share" else None)
         bar = self.least if self.least is not None else self.most
         met = None if bar is None else value >= bar if self.least is not None else value <= bar
         beside = {"bar": bar, "met": met, "trivial": trivial, "paper": self.paper, "n": count}

@@ -26,20 +26,23 @@ from bracket_lab.wiring.drawn_frames import tray_camera
 def evaluate_grasp_planner(
     shared: Shared, scenes: Annotated[int, Option(min=4, help="Number of test scenes.")] = 1000
 ) -> None:
-    """Score the grasp planner. Kinds: pairwise, paper, rule, always."""
+    """Score the grasp planner, beside the one that always grasps. Kinds: pairwise, paper, rule, always."""
     product = product_of(shared.config)
     kind = shared.one_kind(("pairwise", "paper", "rule", "always"))
-    if kind == "always":
-        report_scores("grasp", evaluate_grasp(AlwaysGrasp(), product, shared.seed, scenes), shared.as_json)
-        return
-    path = shared.weights or shipped_weights("grasp", kind)
-    planner = load_grasp_planner(kind, path, product)
-    if kind != "paper":
-        report_scores("grasp", evaluate_grasp(planner, product, shared.seed, scenes), shared.as_json)
-        return
-    with tray_camera(product, load_configuration(shared.config).bench) as camera:
-        look = partial(embedded, camera=camera, network=load_crops(crops_file(path)))
-        report_scores("grasp", evaluate_grasp(planner, product, shared.seed, scenes, look=look), shared.as_json)
+    scored = partial(evaluate_grasp, product=product, seed=shared.seed, scenes=scenes)
+    scores = trivial = scored(AlwaysGrasp())
+    if kind != "always":
+        path = shared.weights or shipped_weights("grasp", kind)
+        planner = load_grasp_planner(kind, path, product)
+        if kind != "paper":
+            scores = scored(planner)
+        else:
+            with tray_camera(product, load_configuration(shared.config).bench) as camera:
+                look = partial(embedded, camera=camera, network=load_crops(crops_file(path)))
+                scores = scored(planner, look=look)
+        shares = (name for name in trivial if not name.startswith(("steps", "needless")))
+        scores |= {f"always_{name}": trivial[name] for name in shares}
+    report_scores("grasp", scores, shared.as_json)
 
 
 @command_from(Shared, "kind", "weights", "seed", "config", "as_json")

@@ -46,9 +46,10 @@ class ScoreCounter:
         self._measured[name].append(value)
 
     def scores(self) -> dict[str, float]:
-        """Shares, each with the ends `<name>_low` and `<name>_high` of its interval, and means."""
+        """Shares, each with the ends `<name>_low` and `<name>_high` of its interval and its count `<name>_n`; means."""
         scores: dict[str, float] = {}
         for name, count in self._all.items():
             scores[name] = self._right[name] / count
             scores[f"{name}_low"], _, scores[f"{name}_high"] = wilson(self._right[name], count)
+            scores[f"{name}_n"] = count
         return scores | {name: fmean(values) for name, values in self._measured.items()}

@@ -18,7 +18,7 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.skills.motion import search
 from bracket_cell.skills.motion.grasp_pose import hole_pose
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
-from bracket_cell.skills.motion.trajectory import speed_excess
+from bracket_cell.skills.motion.trajectory import limit_ratios
 from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array, Pose
@@ -103,7 +103,7 @@ def ask(planner: MotionPlanner, start: Array, goal: Array, load: Load, tally: Ta
     tally.pieces_s.append(max(pieces))
     if isinstance(found, JointTrajectory):
         tally.lasts_s.append(found.duration_s)
-        tally.limits.append(speed_excess(found.times_s, found.positions_rad, planner.settings))
+        tally.limits.append(float(limit_ratios(found.times_s, found.positions_rad, planner.settings).max()))
     return isinstance(found, JointTrajectory)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from bracket_cell.skills.motion.grasp_pose import tool_down
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.settings import MotionSettings
-from bracket_cell.skills.motion.trajectory import joint_move, joint_speeds, line_move
+from bracket_cell.skills.motion.trajectory import joined, joint_move, joint_speeds, line_move, rounded
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array
 
@@ -24,7 +26,9 @@ def assert_legal(trajectory: JointTrajectory) -> None:
     speeds = joint_speeds(trajectory.times_s, trajectory.positions_rad)
     assert (np.abs(speeds) <= DATASHEET_RAD_S).all()
     accelerations = np.diff(speeds, axis=0) / SETTINGS.sample_s
-    assert (np.abs(accelerations) <= np.array(SETTINGS.acceleration_limits_rad_s2) * 1.1).all()
+    assert (np.abs(accelerations) <= np.array(SETTINGS.acceleration_limits_rad_s2) * 1.01).all()
+    jerks = np.diff(accelerations, axis=0) / SETTINGS.sample_s
+    assert (np.abs(jerks) <= np.array(SETTINGS.jerk_limits_rad_s3) * 1.01).all()
     assert np.abs(speeds[[0, -1]]).max() < 0.02
     np.testing.assert_allclose(np.diff(trajectory.times_s), SETTINGS.sample_s)
 
@@ -43,6 +47,17 @@ def test_joint_moves_are_legal_and_straight(seed: int) -> None:
     assert np.array_equal(trajectory.positions_rad[-1], goal)
     shares = (trajectory.positions_rad - start) / (goal - start)
     np.testing.assert_allclose(shares, shares[:, :1] @ np.ones((1, 6)), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_ways_are_rounded_within_the_limits_of_jerk_and_not_slower_than_with_stops(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(LOW, HIGH, (4, 6))
+    legs = [joint_move(first, second, SETTINGS) for first, second in pairwise(points)]
+    whole = reduce(lambda way, leg: rounded(way, leg, SETTINGS, lambda _: True)[0], legs)
+    assert_legal(whole)
+    np.testing.assert_allclose(whole.positions_rad[[0, -1]], points[[0, -1]], atol=1e-9)
+    assert whole.duration_s < joined(legs).duration_s - 0.1
 
 
 def test_a_move_to_where_the_arm_is_takes_no_time() -> None:

@@ -40,12 +40,14 @@ class Pick(PhasedSkill):
         part: the part to take, as last seen.
         others: all other parts that are known; the arm keeps clear of them.
         place: name of the place where it stands; empty for the tray.
+        lifts: else it is done when the part is held, and the next motion begins with the way up.
     """
 
     planner: MotionPlanner = field(repr=False)
     part: PartDetection
     others: Sequence[PartDetection] = ()
     place: str = ""
+    lifts: bool = True
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
         """Choose a grasp."""
@@ -66,7 +68,8 @@ class Pick(PhasedSkill):
         if not self.place:
             tray = planner.bench.tray
             lifted_m = lift_m(planner, self.part, self.others, tray.centre_m[2] + tray.wall_m)
-            return take_phases(planner, self.part, self.others, chosen, lifted_m, placed=placed)
+            stays = not self.lifts
+            return take_phases(planner, self.part, self.others, chosen, lifted_m, placed=placed, stays=stays)
         place = planner.bench.places[self.place]
         lifted_m = lift_m(planner, self.part, self.others, place.rim_m)
         entry = Entry.of(planner, self.place, place)

@@ -181,7 +181,7 @@ def test_the_palette_for_groot_names_ports(capsys: pytest.CaptureFixture[str]) -
     assert main(["nodes", "--format", "groot"]) == 0
     model = ElementTree.fromstring(capsys.readouterr().out).find("TreeNodesModel/Action[@ID='PickPart']")
     assert model is not None
-    assert [port.get("name") for port in model.iter("input_port")] == ["parts", "index"]
+    assert [port.get("name") for port in model.iter("input_port")] == ["parts", "index", "lifts"]
 
 
 def test_check_does_not_load_kinematics() -> None:

@@ -118,12 +118,15 @@ def take_phases(
     carry_m: float,
     entry: Entry | None = None,
     placed: tuple[Box, ...] = (),
+    *,
+    stays: bool = False,
 ) -> list[Phase] | str:
     """Phases that end with the part held, its body's bottom at the height `carry_m`; or why it cannot be taken.
 
     Args:
         placed: parts in holes, which the way there passes.
         entry: of the place where it stands, if that is entered from a side.
+        stays: it is held where it stood; the next motion lifts it so high at first, without a stop there.
     """
     grasp, joints = chosen
     settings, name = planner.settings, part.part
@@ -141,9 +144,11 @@ def take_phases(
     phases: list[Phase] = [
         Activate(),
         Descend(name, planner, above, above_part, Line(planner, grasp.world_from_tool, around_part, descent_m_s)),
-        TakeHold.of(part, planner, grasp),
-        Move(Message("lifting {name}", name=name), Rise(planner, lifted_m, grasp.opening_m), holding=name),
+        TakeHold.of(part, planner, grasp, at_height(grasp.world_from_tool, lifted_m)),
     ]
+    if stays:
+        return phases
+    phases.append(Move(Message("lifting {name}", name=name), Rise(planner, lifted_m, grasp.opening_m), holding=name))
     if entry is None:
         return phases
     carried = held_boxes(name, settings=settings, kind=planner.product.parts[name], hold=grasp.hold, with_peg=True)
@@ -227,25 +232,30 @@ class TakeHold(SetGripper):
     Attributes:
         part: as it was seen.
         grasp: how; beside the middle of a part it is not known how wide that is.
+        lifts_to: as the planner's, told to it once the part is held.
     """
 
     planner: MotionPlanner = field(repr=False)
     part: PartDetection
     grasp: Grasp
+    lifts_to: Pose
     _release: LetGo | None = field(default=None, init=False)
 
     @staticmethod
-    def of(part: PartDetection, planner: MotionPlanner, grasp: Grasp) -> TakeHold:
+    def of(part: PartDetection, planner: MotionPlanner, grasp: Grasp, lifts_to: Pose) -> TakeHold:
         """With the settings of a planner."""
         settings, doing = planner.settings, Message("grasping {name}", name=part.part)
         close = GripperCommand(0.0, settings.gripper_speed_m_s, settings.grip_force_n)
-        return TakeHold(doing, close, settings, planner, part, grasp, must_hold=True)
+        return TakeHold(doing, close, settings, planner, part, grasp, lifts_to, must_hold=True)
 
     def poll(self, observation: Observation, command: Command) -> Progress:
         """Close them, and look how far."""
         if self._release is None:
             progress = super().poll(observation, command)
-            if progress.status is not SkillStatus.SUCCESS or self._fits(observation.gripper.opening_m):
+            if progress.status is not SkillStatus.SUCCESS:
+                return progress
+            if self._fits(observation.gripper.opening_m):
+                self.planner.lifts_to = self.lifts_to
                 return progress
             self._release = LetGo.of(self.part.part, self.planner, self.grasp.opening_m, self._whatever())
         progress = self._release.poll(observation, command)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from bracket_cell.skills.grasping.phases import Move
 from bracket_cell.skills.motion.motions import WayAndLine
-from bracket_cell.skills.motion.planner import Looking
+from bracket_cell.skills.motion.planner import Looking, Plan
 from bracket_ground.interfaces.command import Command
 from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.pose import Array
@@ -40,7 +40,7 @@ class WayDown(Move):
         """Whether the arm follows nothing but the line by now, or will so soon."""
         return self.trajectory is not None and self.followed_s(observation) >= self.way_s - before_s
 
-    def _planned(self, start_rad: Array) -> Looking:
+    def _planned(self, start_rad: Array) -> Plan | Looking:
         return self.motion.onto(start_rad, self._lasts)
 
     def _lasts(self, way_s: float) -> None:

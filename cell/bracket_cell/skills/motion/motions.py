@@ -162,9 +162,9 @@ class WayAndLine(FreeWay):
     """
 
     line: Line
-    most: float = 1.0
+    most: float = 0.4
 
-    def onto(self, start_rad: Array, onto: Callable[[float], None]) -> Looking:
+    def onto(self, start_rad: Array, onto: Callable[[float], None]) -> Plan | Looking:
         """The plan; `onto` is told how long the way takes before only the line is followed [s]."""
         planner, above_rad = self.planner, self.goal_rad
         return planner.way_and_line(start_rad, above_rad, self.load, self.line.plan(above_rad), onto, self.most)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import islice, pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ from bracket_cell.skills.motion.lying_grasp import LyingHold
 from bracket_cell.skills.motion.outline import Shape
 from bracket_cell.skills.motion.separation import SeparationMonitor
 from bracket_cell.skills.motion.settings import MotionSettings
-from bracket_cell.skills.motion.trajectory import blended, joint_move, line_move
+from bracket_cell.skills.motion.trajectory import STRAIGHT, joint_move, line_move, rounded
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.command import JointTrajectory
@@ -46,6 +47,7 @@ Looking = Iterator[Plan | None]  # None after each piece of the work; the plan i
 Onto = Callable[[float], None]
 
 BESIDE_M = 0.08  # of a part's middle: a tool that is farther away has left it
+LIFTED_M = 0.01  # a tool that is so little lower than it was to be lifted is there
 SPARE_M = 0.006  # more room that a search keeps, as it checks its ways in coarse steps
 SCENES = 8  # that are kept: the same one is often asked about many postures
 CHECKS_A_TICK = 500  # of postures: some 8 ms
@@ -59,6 +61,17 @@ def settled(found: Plan | Looking) -> Plan:
     return next(plan for plan in found if plan is not None)
 
 
+def followed(found: Plan | Looking, then: Callable[[JointTrajectory], JointTrajectory]) -> Plan | Looking:
+    """What is found, each trajectory of it with what is to follow it, or to come before."""
+
+    def whole(plan: Plan | None) -> Plan | None:
+        return then(plan) if isinstance(plan, JointTrajectory) else plan
+
+    if isinstance(found, str):
+        return found
+    return then(found) if isinstance(found, JointTrajectory) else map(whole, found)
+
+
 class MotionPlanner:
     """Plans motions that keep the joint limits and touch nothing.
 
@@ -69,6 +82,7 @@ class MotionPlanner:
         hold: how the part is held that was taken last; None where this planner has not seen to one.
         lying: how it is held if it was taken as it lay; None for a part that stood.
         around: the part that the open fingers still stand around; every motion keeps clear of it, until the tool left.
+        lifts_to: the tool pose up to which what was taken goes straight, before it goes anywhere, until it was there.
     """
 
     def __init__(self, product: Product, bench: Bench, settings: MotionSettings | None = None) -> None:
@@ -77,6 +91,7 @@ class MotionPlanner:
         self.hold: Hold | None = None
         self.lying: LyingHold | None = None
         self.around: Box | None = None
+        self.lifts_to: Pose | None = None
         self.kinematics = Kinematics(self.settings)
         self._checker = CollisionChecker(self.kinematics, product, bench, self.settings)
         self.separation = SeparationMonitor(self._checker, bench, self.settings)
@@ -129,9 +144,19 @@ class MotionPlanner:
         """To joints: the soonest of a few ways, or else what looks for another one, a tick's worth of work at a time.
 
         These are the direct way and, where the arm is slow for hands that may come, ways that lead back from there.
-        From low over a hole the tool goes up at first: what it stands around may be hidden from the camera.
+        From low over a hole the tool goes up at first: what it stands around may be hidden from the camera. So it does
+        with what was taken and not yet lifted.
         """
         self.forget_left(start_rad)
+        if self.lifts_to is None:
+            return self._way(start_rad, goal_rad, load)
+        lift = self.rise(start_rad, self.lifts_to.position_m[2], load.opening_m)
+        if isinstance(lift, str):
+            return lift
+        found, is_free = self._way(lift.positions_rad[-1], goal_rad, load), self._room(self.scene(load))
+        return followed(found, lambda way: rounded(lift, way, self.settings, is_free, STRAIGHT)[0])
+
+    def _way(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan | Looking:
         scene = self.scene(load)
         for way in () if self._low_over_hole(start_rad, load) else self.beside.soonest(start_rad, goal_rad):
             if scene.is_free(way):
@@ -139,8 +164,8 @@ class MotionPlanner:
         return self._around(scene, start_rad, goal_rad, load)
 
     def way_and_line(
-        self, start_rad: Array, above_rad: Array, load: Load, line: Plan, onto: Onto, most: float = 1.0
-    ) -> Looking:
+        self, start_rad: Array, above_rad: Array, load: Load, line: Plan, onto: Onto, most: float
+    ) -> Plan | Looking:
         """By a free way to joints, and on a line from there, as one motion without a stop between them.
 
         Args:
@@ -148,14 +173,15 @@ class MotionPlanner:
             onto: is told how long the way takes before only the line is followed.
             most: share of the shorter of them in which they are one motion at most.
         """
-        found = line if isinstance(line, str) else self.free_way(start_rad, above_rad, load)
-        for way in (found,) if isinstance(found, JointTrajectory | str) else found:
-            if not isinstance(way, JointTrajectory):
-                yield way
-                continue
-            assert isinstance(line, JointTrajectory)
-            onto(way.duration_s)
-            yield blended([way, line], self.settings, self.scene(load).is_free, most)
+        if isinstance(line, str):
+            return line
+
+        def with_line(way: JointTrajectory) -> JointTrajectory:
+            whole, on_line_s = rounded(way, line, self.settings, self._room(self.scene(load)), most)
+            onto(on_line_s)
+            return whole
+
+        return followed(self.free_way(start_rad, above_rad, load), with_line)
 
     def near_move(self, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
         """To joints by the direct way or after a lift, without a search: for where there is no time."""
@@ -210,7 +236,7 @@ class MotionPlanner:
         for over in self.beside.soonest(up_rad, over_rad):
             rest = np.concatenate([over, [goal_rad]]) if drop_m else over
             if scene.is_free(rest):
-                return self._through(scene, np.concatenate([[start_rad], rest]))
+                return self._through(scene, np.concatenate([[start_rad], rest]), STRAIGHT)
         return None
 
     def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
@@ -221,10 +247,14 @@ class MotionPlanner:
         above = self.kinematics.follow(at_height(pose, pose.position_m[2] + lift_m), joints_rad)
         return above if above is not None and self.kinematics.within_limits(above) else None
 
-    def _through(self, scene: Scene, way_rad: Array) -> JointTrajectory:
-        """Along straight ways between joints (k, joints), without stops where limits and room allow."""
+    def _through(self, scene: Scene, way_rad: Array, most: float = 1.0) -> JointTrajectory:
+        """Along straight ways between joints (k, joints), without stops where limits and room allow; see `rounded`."""
         legs = [joint_move(first, second, self.settings) for first, second in pairwise(way_rad)]
-        return blended(legs, self.settings, scene.is_free)
+        return reduce(lambda whole, leg: rounded(whole, leg, self.settings, self._room(scene), most)[0], legs)
+
+    def _room(self, scene: Scene) -> Callable[[Array], bool]:
+        """Whether a path (k, joints) is free, and within the joints' range."""
+        return lambda path_rad: self.kinematics.within_limits(path_rad) and scene.is_free(path_rad)
 
     def rise(self, start_rad: Array, height_m: float, opening_m: float) -> Plan:
         """The tool straight up to a height, which takes it away from all that stands beside or below it; never down."""
@@ -284,11 +314,17 @@ class MotionPlanner:
         return tallest_m + self.settings.carry_gap_m - z if near and z < tallest_m else 0.0
 
     def forget_left(self, joints_rad: Array) -> None:
-        """Forget what the fingers stood around, if the tool is no longer beside it."""
-        if self.around is not None:
-            off_m = np.subtract(self.kinematics.forward(joints_rad).position_m, self.around.pose.position_m)
-            if np.abs(off_m).max() > BESIDE_M:
-                self.around = None
+        """Forget what the fingers stood around, if the tool is no longer beside it, and what was lifted."""
+        if self.around is not None and np.abs(self._off_m(joints_rad, self.around.pose)).max() > BESIDE_M:
+            self.around = None
+        if self.lifts_to is not None:
+            x, y, z = self._off_m(joints_rad, self.lifts_to)
+            if z > -LIFTED_M or np.hypot(x, y) > BESIDE_M:
+                self.lifts_to = None
+
+    def _off_m(self, joints_rad: Array, pose: Pose) -> Array:
+        """From a pose to where the tool is (3,)."""
+        return np.subtract(self.kinematics.forward(joints_rad).position_m, pose.position_m)
 
     def travel_s(self, difference_rad: Array) -> float:
         """Time that the slowest joint needs at full speed."""

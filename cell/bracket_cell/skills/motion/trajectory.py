@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 
 import numpy as np
 import ruckig
@@ -13,8 +13,11 @@ from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.command import JointTrajectory
 from bracket_ground.interfaces.pose import Array, Pose
 
-BLENDS = (0.75, 0.6, 0.45, 0.3, 0.15)  # shares of the shorter leg in which two legs are one motion
+CORNERS = (1.0, 0.75, 0.5, 0.4, 0.3, 0.15)  # shares of the shorter of two motions that a corner takes of the second
 ROUNDING = 1e-6
+EARLIER = (1, 2, 3)  # times as long as of the second it takes of the first
+STRAIGHT = 0.6  # of the first, at most
+LEGAL = 1.01  # of a limit, as differences of samples tell it
 _STANDING_RAD = 1e-6  # a shorter way is no way
 _SLOWDOWN_TRIES = 6
 _LARGEST_STEP_RAD = 0.35  # between neighbouring samples of a line; more means a jump to another arm posture
@@ -48,29 +51,24 @@ def line_move(
 ) -> JointTrajectory | None:
     """From rest to rest, the tool on a straight line, its heading turning along; None where the arm cannot follow.
 
-    The speed along the line is lowered until every joint keeps its limit.
+    Speed, acceleration and jerk along the line are lowered until every joint keeps its limits.
     """
     start = kinematics.forward(start_rad)
     length = float(np.linalg.norm(np.subtract(world_from_goal.position_m, start.position_m)))
     if length < 1e-5:
         goal = kinematics.follow(world_from_goal, start_rad)
         return None if goal is None else joint_move(start_rad, goal, settings)
-    scale = 1.0
+    limits = np.array([settings.line_speed_m_s, settings.line_acceleration_m_s2, settings.line_jerk_m_s3])
     for _ in range(_SLOWDOWN_TRIES):
-        times, way = _profile(
-            length,
-            settings.line_speed_m_s * scale,
-            settings.line_acceleration_m_s2 * scale**2,
-            settings.line_jerk_m_s3 * scale**3,
-            settings.sample_s,
-        )
+        speed, acceleration, jerk = limits.tolist()
+        times, way = _profile(length, speed, acceleration, jerk, settings.sample_s)
         positions = _follow_line(kinematics, start_rad, start, world_from_goal, way / length)
         if positions is None:
             return None
-        excess = speed_excess(times, positions, settings)
-        if excess <= 1.0:
+        ratios = limit_ratios(times, positions, settings)
+        if ratios.max() <= 1.0:
             return JointTrajectory(times, positions)
-        scale *= 0.95 / excess
+        limits *= np.where(ratios > 1.0, 0.95 / ratios, 1.0)
     return None
 
 
@@ -80,13 +78,14 @@ def joint_speeds(times_s: Array, positions_rad: Array) -> Array:
     return speeds
 
 
-def speed_excess(times_s: Array, positions_rad: Array, settings: MotionSettings) -> float:
-    """Largest ratio of a joint's speed to its limit, or of its acceleration to its limit as a ratio of speeds."""
-    speeds = joint_speeds(times_s, positions_rad)
-    accelerations = np.diff(speeds, axis=0) / settings.sample_s
-    fastest = np.abs(speeds / np.array(settings.speed_limits_rad_s)).max(initial=0.0)
-    hardest = np.abs(accelerations / np.array(settings.acceleration_limits_rad_s2)).max(initial=0.0)
-    return float(max(fastest, np.sqrt(hardest)))
+def limit_ratios(times_s: Array, positions_rad: Array, settings: MotionSettings) -> Array:
+    """Largest ratios (3,) of a joint's speed, acceleration and jerk between samples to their limits."""
+    limits = settings.speed_limits_rad_s, settings.acceleration_limits_rad_s2, settings.jerk_limits_rad_s3
+    rates, ratios = joint_speeds(times_s, positions_rad), []
+    for limit in limits:
+        ratios.append(np.abs(rates / np.array(limit)).max(initial=0.0))
+        rates = np.diff(rates, axis=0) / settings.sample_s
+    return np.array(ratios)
 
 
 def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
@@ -99,45 +98,60 @@ def joined(legs: Sequence[JointTrajectory]) -> JointTrajectory:
     return JointTrajectory(np.concatenate(times), np.concatenate(positions))
 
 
-def blended(
-    legs: Sequence[JointTrajectory], settings: MotionSettings, is_free: Callable[[Array], bool], most: float = 1.0
-) -> JointTrajectory:
-    """The same without stops: each leg begins, added to the one before, as early as limits and room allow.
+def rounded(
+    first: JointTrajectory,
+    second: JointTrajectory,
+    settings: MotionSettings,
+    is_free: Callable[[Array], bool],
+    most: float = 1.0,
+) -> tuple[JointTrajectory, float]:
+    """Two motions without a stop between them, and from when on nothing but the second is followed [s].
+
+    The soonest corner that is free, of a few: from before the end of the first to behind the beginning of the second.
 
     Args:
-        legs: each starts where the last one ends, at rest.
-        is_free: whether a path (k, n) touches nothing.
-        most: share of the shorter leg in which two legs are one motion at most.
+        second: starts where the first ends, at rest.
+        is_free: whether a path (k, n) touches nothing, and is within the joints' range.
+        most: share of the shorter of them that the corner takes of the second at most.
     """
-    whole = legs[0]
-    for before, leg in pairwise(legs):
-        whole = joined([whole, leg])
-        shortest = min(len(before.times_s), len(leg.times_s)) - 1
-        for share in (share for share in BLENDS if share <= most):
-            overlap = int(share * shortest)
-            corner = len(whole.times_s) - len(leg.times_s)
-            early = _added(whole.positions_rad, corner, overlap)
-            near = early[max(0, corner - overlap - 3) : corner + 4]
-            if overlap > 1 and _within(near, settings) and is_free(near):
-                whole = JointTrajectory(settings.sample_s * np.arange(len(early), dtype=np.float64), early)
-                break
-    return whole
+    before, behind = first.positions_rad, second.positions_rad
+    longest = min(len(before), len(behind)) - 1
+    steps = {int(share * longest) for share in CORNERS if share <= most} - {0, 1}
+    ends = {(min(times * step, int(STRAIGHT * len(before))), step) for step in steps for times in EARLIER}
+    corners = [(end, corner) for end in ends if (corner := _corner(before, behind, *end, settings)) is not None]
+    for (early, late), corner in sorted(corners, key=lambda one: (len(one[1]) - sum(one[0]), one[0])):
+        path = np.concatenate([before[:-early], corner[1:-1], behind[late:]])
+        times_s: Array = settings.sample_s * np.arange(len(path), dtype=np.float64)
+        within = limit_ratios(times_s, path, settings).max() <= LEGAL
+        if len(corner) < early + late and within and is_free(corner):
+            return JointTrajectory(times_s, path), float(times_s[len(path) - len(behind) + late])
+    return joined([first, second]), first.duration_s
 
 
-def _added(path_rad: Array, corner: int, overlap: int) -> Array:
-    """A path (k, n) whose part behind a corner begins so many samples earlier, added to what is before it."""
-    behind = path_rad[corner:] - path_rad[corner]
-    early = np.concatenate(
-        [path_rad[: corner + 1], np.repeat(path_rad[corner : corner + 1], len(behind) - overlap - 1, 0)]
-    )
-    early[corner - overlap :] += behind
-    return early
+def _corner(before_rad: Array, behind_rad: Array, early: int, late: int, settings: MotionSettings) -> Array | None:
+    """The soonest way (k, n) within the limits from so many samples before an end to so many behind a beginning."""
+    request = ruckig.InputParameter(before_rad.shape[1])
+    states = _state(before_rad, len(before_rad) - 1 - early, settings), _state(behind_rad, late, settings)
+    request.current_position, request.current_velocity, request.current_acceleration = states[0]
+    request.target_position, request.target_velocity, request.target_acceleration = states[1]
+    limits = settings.speed_limits_rad_s, settings.acceleration_limits_rad_s2, settings.jerk_limits_rad_s3
+    request.max_velocity, request.max_acceleration, request.max_jerk = (np.array(limits) * (1 + ROUNDING)).tolist()
+    found = ruckig.Trajectory(before_rad.shape[1])
+    for _ in range(2):  # the second time it takes whole samples
+        try:
+            ruckig.Ruckig(before_rad.shape[1]).calculate(request, found)
+        except ruckig.RuckigError:  # at the place where it would go over, a joint is about to be too fast
+            return None
+        count = math.ceil(found.duration / settings.sample_s - ROUNDING)
+        request.minimum_duration = count * settings.sample_s
+    return np.array([found.at_time(number * settings.sample_s)[0] for number in range(count + 1)])
 
 
-def _within(path_rad: Array, settings: MotionSettings) -> bool:
-    """Whether speeds and accelerations between samples are legal."""
-    times_s: Array = settings.sample_s * np.arange(len(path_rad), dtype=np.float64)
-    return speed_excess(times_s, path_rad, settings) <= 1.0 + ROUNDING
+def _state(path_rad: Array, at: int, settings: MotionSettings) -> tuple[list[float], list[float], list[float]]:
+    """Place, speed and acceleration of joints at a sample, exact where the jerk is even around it."""
+    a, b, c, d, e = path_rad[np.clip(np.arange(at - 2, at + 3), 0, len(path_rad) - 1)]
+    speeds = (8 * (d - b) - (e - a)) / (12 * settings.sample_s)
+    return c.tolist(), speeds.tolist(), ((b - 2 * c + d) / settings.sample_s**2).tolist()
 
 
 def _follow_line(kinematics: Kinematics, start_rad: Array, start: Pose, goal: Pose, shares: Array) -> Array | None:

@@ -124,6 +124,7 @@ class PickPart(SkillNode):
 
     parts = InputPort(PartsView, "parts seen in the tray")
     index = InputPort(int, "number of the part among the seen ones")
+    lifts = InputPort(bool, "lift it; else the next free way begins with that, without a stop", default=True)
 
     def make_skill(self) -> Skill:
         from bracket_cell.skills.pick_and_place import Pick
@@ -132,7 +133,7 @@ class PickPart(SkillNode):
         part, others = part_and_others(parts, self.index.get())
         services.note_pick(part, others)
         self._target, self._seen_s = part, parts.time_s  # when the tray was seen is known again once the part is held
-        return Pick(services.tools.motion, part, services.memory.standing)
+        return Pick(services.tools.motion, part, services.memory.standing, lifts=self.lifts.get())
 
     def update(self) -> Status:
         status = super().update()

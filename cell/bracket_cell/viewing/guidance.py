@@ -26,12 +26,16 @@ def guidance_sentences(
     """
     title = str if product is None else product.title
     sentences: list[str] = []
+    right: dict[tuple[str, ...], list[str]] = {}  # positions by all types that are right there
+    for at in dict.fromkeys(at for to in guidance.values() for at in to):
+        right.setdefault(tuple(part for part, to in guidance.items() if at in to), []).append(at)
     for part, positions in guidance.items():
-        words = Message("No {part} is left to place", part=title(part))
-        if positions:
-            words = Message("The {part} goes into {holes}", part=title(part), holes=all_of(positions))
-        if product is None or product.most[part]:
-            sentences.append(words)
+        if not positions and (product is None or product.most[part]):
+            sentences.append(Message("No {part} is left to place", part=title(part)))
+        for types, holes in right.items():
+            if types[0] == part:
+                either = one_of([*map(title, types)])
+                sentences.append(Message("The {part} goes into {holes}", part=either, holes=all_of(holes)))
         if product is not None and positions and part in product.wholes and part not in built:
             sentences.append(build_words(product, part, title))
     if any_part:
@@ -66,6 +70,12 @@ def step_words(product: Product, step: str) -> str:
     if fastening.torque_nm is None:
         return Message("{title} at {holes}", title=title, holes=at)
     return Message("{title} at {holes} to {torque} Nm", title=title, holes=at, torque=f"{fastening.torque_nm:g}")
+
+
+def one_of(names: Collection[str]) -> str:
+    """Names with "or" before the last; each is translated."""
+    *first, last = names or [""]
+    return Message("{first} or {last}", first=listed(first, ", "), last=last) if first else last
 
 
 def all_of(names: Collection[str]) -> str:

@@ -10,9 +10,9 @@ from typing import Any, Literal
 from bracket_cell.production.bookkeeper import PERSON, Placements
 from bracket_cell.trees.vocabulary import ShownAs
 from bracket_cell.viewing.advice import ADVICE, ended_advice
-from bracket_cell.viewing.guidance import build_words, step_words
+from bracket_cell.viewing.guidance import build_words, one_of, step_words
 from bracket_cell.watching.observer import Outcome, TickRecord
-from bracket_ground.files.words.message import Message, listed
+from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR, USUAL, Action, SafetyDecision
 from bracket_ground.interfaces.observation import Observation
@@ -273,9 +273,9 @@ class OperatorGuide:
         if question.kind == "goal":
             names = [answer.value for answer in question.answers]
             titles = ["a new one" if name == UNKNOWN_GOAL else product.goal_title(name) for name in names]
-            return Message("Say which one you build: {goals}?", goals=_or(titles))
+            return Message("Say which one you build: {goals}?", goals=one_of(titles))
         if question.kind == "where":
-            at = _or(list(question.positions))
+            at = one_of(list(question.positions))
             return Message("Say where the {part} goes: {holes}?", part=self._title(part), holes=at)
         if question.kind == "bracket":
             return "Take the bracket out, and put an empty one in"
@@ -369,7 +369,7 @@ class OperatorGuide:
         likely = [self.product.goal_title(goal) for goal in self._likely()]
         if not self.placed or len(likely) > 2:
             return Instruction("unknown", "Place any part: I cannot tell yet which bracket this is", open_holes)
-        return Instruction("unsure", Message("Place any part: this is {goals}", goals=_or(likely)), open_holes)
+        return Instruction("unsure", Message("Place any part: this is {goals}", goals=one_of(likely)), open_holes)
 
     @property
     def _whole(self) -> bool:
@@ -389,10 +389,3 @@ def _also(task: Instruction, words: str) -> Instruction:
     """A task with what the robot does meanwhile."""
     message = Message("{task}: {robot}", task=task.words, robot=words)
     return Instruction(task.moment, message, task.holes, task.bins, task.tray)
-
-
-def _or(names: list[str]) -> str:
-    """Names with "or" before the last; each is translated."""
-    if len(names) < 2:
-        return names[0] if names else ""
-    return Message("{first} or {last}", first=listed(names[:-1], ", "), last=names[-1])

@@ -38,6 +38,15 @@ def test_a_slot_is_sure_or_unsure_never_both_and_slots_come_in_their_order() -> 
     assert plan.shared(0.9, positions) == ({"o1": ("p2",)}, ("p9", "p10"))
 
 
+def test_of_a_slot_that_takes_either_type_one_sentence_says_so() -> None:
+    said = guidance_sentences({"o1": ("p1", "p2"), "o2": ("p2", "p3"), "o3": ("p2", "p3")})
+    assert [str(one) for one in said] == [
+        "The o1 goes into p1",
+        "The o1, o2 or o3 goes into p2",
+        "The o2 or o3 goes into p3",
+    ]
+
+
 def test_a_product_is_written_in_an_order_that_it_allows() -> None:
     lines = [line.strip() for line in product_text(FASTENED).splitlines()]
     assert lines[0] == "valve bracket, fastened: one of 3 goals"

@@ -16,7 +16,7 @@ FLUENCY = "Hoffman 2019"
 Verdict = Literal["better", "worse", "differs", "no difference proved", "too few pairs"]
 LEVEL = 0.95
 SAME = ("seed", "goal_asked", "person", "look", "fault")  # two runs are a pair where these are alike
-FEWEST_PAIRS = 2
+FEWEST_PAIRS = 6  # of which a sign test at 5 % can prove anything: 2 / 2 ** 6 < .05
 _LIMIT = re.compile(r"\s*(\w+)\s*([<>])\s*([-+]?\d+(?:\.\d+)?)\s*(%?)\s*")
 
 

@@ -63,6 +63,14 @@ def test_the_same_runs_do_not_differ() -> None:
     assert differing(pair(same, same)) == []
 
 
+def test_a_few_pairs_that_all_say_the_same_prove_nothing() -> None:
+    rng = np.random.default_rng(0)
+    for count in (2, 5, 6):
+        ones, others = rows(rng, count), [{**row, "help_requests": 1} for row in rows(rng, count)]
+        (asked,) = (found for found in findings(pair(ones, others)) if found.measure.name == "questions")
+        assert asked.verdict == ("worse" if count == 6 else "too few pairs")
+
+
 def test_only_runs_of_the_same_seed_and_person_are_pairs() -> None:
     rng = np.random.default_rng(0)
     ones, others = rows(rng, 10), rows(rng, 20)

@@ -2,7 +2,8 @@
 
 `kept/helps.mcap` is the beginning of a run without images of seed 1 that builds g1, with trees/ahead.xml and the node
 MayBegin before "one part ahead of the person"; `kept/late.mcap` is the same with frames that come .1 s later. After a
-wanted change they are made anew with `cell run --look none --with kept/may_begin.py` and `write_case`.
+wanted change they are made anew with `cell run TREE --config FILE --look none --with kept/may_begin.py`, FILE as
+`configured` below writes it, and `write_case`.
 """
 
 from __future__ import annotations

@@ -56,6 +56,13 @@ def test_the_cost_is_told_before_anything_is_measured(capsys: pytest.CaptureFixt
     assert "h of a GPU in all" in capsys.readouterr().err
 
 
+def test_a_command_that_fills_two_tables_costs_once(capsys: pytest.CaptureFixture[str]) -> None:
+    minutes = {bar.command: bar.minutes for bar in chosen_bars(["grasp"])}
+    assert len(minutes) < len(chosen_bars(["grasp"]))
+    assert main(["lab", "eval", "bars", "--first-seed", "982000", "--only", "grasp", "--plan"]) == 0
+    assert f"{sum(minutes.values()) / 60:.1f} h of one core" in capsys.readouterr().err
+
+
 def test_every_shipped_bar_names_a_command_and_one_bar() -> None:
     found = chosen_bars()
     assert {measurement.command.split()[0] for measurement in found} >= {

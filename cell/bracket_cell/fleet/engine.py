@@ -267,10 +267,12 @@ def _done(
     """
     distributed = needed("distributed", "cell lab sweep")
     waiting, pending, crew = iter(arguments), dict[Any, tuple[tuple[Any, ...], set[str]]](), _Crew(client)
-    troubled = dict[int, set[str]]()
+    troubled, again = dict[int, set[str]](), list[tuple[Any, ...]]()
     try:
         while True:
             crew.look()
+            pending = {_submitted(client, work, job, crew): (job, set(crew.agreeing)) for job in again} | pending
+            again = []
             for job in itertools.islice(waiting, max(0, crew.room - len(pending))):
                 pending[_submitted(client, work, job, crew)] = job, set(crew.agreeing)
             if not pending:
@@ -284,7 +286,7 @@ def _done(
                     answer, error = _answer(future)
                     job, _ = pending.pop(future)
                     if isinstance(answer, Trouble) and crew.had(answer, troubled, job):
-                        pending = {_submitted(client, work, job, crew): (job, set(crew.agreeing)), **pending}
+                        again.append(job)
                         continue
                     troubled.pop(id(job), None)
                     yield job, answer, error
@@ -352,7 +354,7 @@ class _Crew:
                 sys.stderr.write(f"cell: worker {address} is gone; others do its runs\n")
             self.agreeing &= there.keys()
             for address, worker in there.items():
-                self._ask(address, str(worker.get("name") or address))
+                self._ask(address, str(worker.get("name", address)))
             self.room = WAITING_PER_WORKER * sum(there[address]["nthreads"] for address in self.agreeing)
             if self.agreeing or not all(call.done() for call in self._asked.values()):  # one that is asked may agree
                 self._since_s = time.monotonic()
@@ -376,7 +378,7 @@ class _Crew:
             del self._asked[address]  # it went while it was asked, and is here again
 
     def had(self, trouble: Trouble, troubled: dict[int, set[str]], job: tuple[Any, ...]) -> bool:
-        """Note a worker's trouble; whether the run is to go to another worker."""
+        """Note a worker's trouble; whether the run is to go to another worker, also to one that is still asked."""
         where = troubled.setdefault(id(job), set())
         where.add(trouble.worker)
         self._troubles[trouble.worker] += 1
@@ -384,7 +386,7 @@ class _Crew:
             self._refused[trouble.worker] = f"worker {trouble.worker} is left out, as it had trouble: {trouble.words}"
             self.agreeing.discard(trouble.worker)
             sys.stderr.write(f"cell: {self._refused[trouble.worker]}\n")
-        return len(where) < TROUBLES and bool(self.agreeing)
+        return len(where) < TROUBLES
 
     def _judge(self, name: str, address: str, answers: dict[str, str]) -> None:
         others = [

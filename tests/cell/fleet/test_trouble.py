@@ -35,6 +35,20 @@ def test_a_worker_with_a_full_disk_is_named_and_left_out(capfd: pytest.CaptureFi
     assert "Traceback" not in told
 
 
+@pytest.mark.long
+def test_a_run_of_a_worker_with_a_full_disk_waits_for_one_that_is_still_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    ask = engine._Crew._ask
+
+    def late(self: engine._Crew, address: str, name: str) -> None:
+        if self._client.scheduler_info()["workers"][address]["name"] == 0 or self._refused:
+            ask(self, address, name)
+
+    monkeypatch.setattr(engine._Crew, "_ask", late)
+    with cluster(2) as client:
+        rows = list(results(client, map(task, range(12)), working.row_of_the_sound))
+    assert Counter((row["seed"], row["end"]) for row in rows) == Counter((seed, "finished") for seed in range(12))
+
+
 @pytest.mark.slow
 def test_a_frozen_worker_is_told_and_its_runs_go_to_the_other(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

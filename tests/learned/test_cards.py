@@ -30,6 +30,15 @@ def test_weights_are_of_the_projects_licence() -> None:
     assert f'license = "{LICENCE}"' in (ROOT / "cell" / "pyproject.toml").read_text()
 
 
+def test_the_card_has_number_and_licence_of_photographs_by_source(tmp_path: Path) -> None:
+    config: dict[str, JsonValue] = {
+        "photographs": {"gestures": "31 (CC-BY-4.0)", "tools, without hands": "9 (CC0-1.0)"}
+    }
+    card = ModelCard(kind="hands.slim", config=config, vocabulary={}, data_sha256="", command="", seed=0)
+    save_onnx(onnx.load(WEIGHTS / "semantic_factored.onnx"), tmp_path / "some.onnx", card)
+    assert "| photographs | gestures: 31 (CC-BY-4.0); tools, without hands: 9 (CC0-1.0) |" in cards(tmp_path)
+
+
 @pytest.mark.parametrize(("config", "told"), [({"then": "with photographs beside"}, True), ({"epochs": 2}, False)])
 def test_the_card_says_what_is_not_known_of_photographs(
     tmp_path: Path, config: dict[str, JsonValue], told: bool

@@ -14,7 +14,7 @@ from bracket_cell.learned.records import read_image
 from bracket_ground.files.data_folder import DataFolder
 from bracket_ground.files.files import whole_folder
 from bracket_lab.pictures.cuttings import Paster, cuttings_of
-from bracket_lab.pictures.photographs import photographs_of
+from bracket_lab.pictures.origins import photographs_of
 
 
 def paste(
@@ -35,7 +35,7 @@ def paste(
     configuration = load_configuration(config)
     product, bench = load_product(configuration, config), configuration.bench
     cuttings, left_out = cuttings_of(sheets, product)
-    behind = [read_image(file) for folder in onto or () for file in photographs_of(folder)]
+    behind = [read_image(tray.file) for folder in onto or () for tray in photographs_of(folder)]
     with whole_folder(out) as partial:
         folder = DataFolder(partial, f"cell lab data sheets {sheets}")
         Paster(cuttings, product, bench).write(folder, behind, count, seed)

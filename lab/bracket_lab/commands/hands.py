@@ -26,7 +26,8 @@ from bracket_lab.evaluations.hands import ONLY, evaluate_hands
 from bracket_lab.experiments.mediapipe_fetch import fetch as fetch_networks
 from bracket_lab.learned.hands.data import frames_of
 from bracket_lab.pictures.handless import Compositor, write_handless
-from bracket_lab.pictures.photographs import photographs_of, write_photographs
+from bracket_lab.pictures.origins import WITHOUT_HANDS, by_source, photographs_of
+from bracket_lab.pictures.photographs import write_photographs
 
 _OPTIONS = ("kind", "weights", "data", "look", "person", "seeds", "physics", "only", "cameras", "config", "as_json")
 
@@ -48,12 +49,13 @@ def compose(
 ) -> None:
     """Real hands on the bench: found in photographs by MediaPipe, cut out, and laid onto frames.
 
-    With --without, photographs that show no hand, too: whole, and pieces of them on frames.
+    With --without, photographs that show no hand, too: whole, and pieces of them on frames. Each folder in a FOLDER is
+    a source; its licence is what FOLDER/REUSE.toml says.
     """
     configuration = load_configuration(config)
     setup = configuration.bench.overhead
     files = [] if photographs is None else photographs_of(photographs)
-    empty = [file for folder in without or () for file in photographs_of(folder)]
+    empty = [photograph for folder in without or () for photograph in photographs_of(folder, WITHOUT_HANDS)]
     if not files and not empty:
         raise InputError("photographs: none are given; legal are a folder of hands, --without FOLDER, or both")
     frames = [frame for folder in onto or () for frame in frames_of(folder)]
@@ -62,15 +64,18 @@ def compose(
         given = [*([] if photographs is None else [str(photographs)]), *(f"--without {path}" for path in without or ())]
         folder = DataFolder(partial, " ".join(["cell lab data photographs", *given]))
         compositor = Compositor(hands, setup, folder, frames, copies, seed)
-        seen = write_photographs(files, compositor)
-        if files and not seen:
+        used = write_photographs(files, compositor)
+        if files and not used:
             raise InputError(f"{photographs}: MediaPipe finds no hand in {len(files)} photographs")
-        fields = {"photographs": len(files), "with hands": seen}
+        fields: dict[str, object] = {"photographs": len(files), "with hands": len(used)}
         if empty:
             weights = configuration.perception.with_detector("hands", "slim", None).weights("hands")
             tracker = SlimReader(setup, tuple(load_product(configuration).parts), weights)
-            left_out = write_handless(empty, tracker, compositor)
-            fields |= {"without hands": len(empty) - left_out, "left out, as MediaPipe sees a hand": left_out}
+            plain = write_handless(empty, tracker, compositor)
+            left_out = len(empty) - len(plain)
+            fields |= {"without hands": len(plain), "left out, as MediaPipe sees a hand": left_out}
+            used += plain
+        fields["sources"] = by_source((each.source, each.licence) for each in used)
         fields["images"] = folder.counts["hands"]
         folder.close({name.replace(" ", "_"): count for name, count in fields.items()})
     if as_json:

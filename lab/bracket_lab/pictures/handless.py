@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -24,6 +23,7 @@ from bracket_ground.interfaces.bench import CameraSetup
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import LabelledFrame
+from bracket_lab.pictures.origins import Photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +50,14 @@ class Compositor:
             return None
         return self.onto[int(rng.integers(len(self.onto)))]
 
-    def write(self, name: str, log: str, image: Image, hands: Sequence[HandRow], **more: object) -> None:
-        """An image and its row, with further fields of it."""
-        file = self.folder.image(f"images/{name}.jpg", image)
+    def write(
+        self, log: str, which: str, photograph: Photograph, image: Image, hands: Sequence[HandRow], **more: object
+    ) -> None:
+        """One of the images of a photograph and its row, with further fields of it."""
+        file = self.folder.image(f"images/{log}{which}.jpg", image)
         rows = [hand.model_dump(mode="json", exclude_unset=True) for hand in hands]
-        self.folder.row("hands", {"file": file, "log": log, "hands": rows, **more})
+        origin = {"source": photograph.source, "licence": photograph.licence}
+        self.folder.row("hands", {"file": file, "log": log, "hands": rows, **origin, **more})
 
 
 NEARER = 2.5  # so much larger than to fill the image a photograph is shown, at most
@@ -108,27 +111,26 @@ def lay(
     return np.clip(image, 0, 255).astype(np.uint8), places
 
 
-def write_handless(files: Sequence[Path], tracker: HandReader, compositor: Compositor) -> int:
-    """Rows of hands.jsonl; returns how many photographs were left out, because the teacher sees a hand there.
+def write_handless(photographs: Sequence[Photograph], tracker: HandReader, compositor: Compositor) -> list[Photograph]:
+    """Rows of hands.jsonl; returns the photographs but those that are left out, because the teacher sees a hand there.
 
     Args:
         tracker: what it takes for a hand is named in the rows.
     """
-    setup, left_out = compositor.setup, 0
-    for number, file in enumerate(files):
-        rng, photograph = np.random.default_rng([compositor.seed, 1, number]), read_image(file)
-        if compositor.teacher.picture(photograph):
-            left_out += 1
+    setup, used = compositor.setup, list[Photograph]()
+    for number, photograph in enumerate(photographs):
+        rng, shown = np.random.default_rng([compositor.seed, 1, number]), read_image(photograph.file)
+        if compositor.teacher.picture(shown):
             continue
+        used.append(photograph)
         for copy in range(compositor.copies):
             frame = compositor.frame(LAID_SHARE, rng)
             hands = () if frame is None else frame.row.hands
             if frame is None:
-                image, places = filling(photograph, setup, rng), list[tuple[float, float]]()
+                image, places = filling(shown, setup, rng), list[tuple[float, float]]()
             else:
-                image, places = lay(photograph, read_image(frame.file), hands, setup, rng)
+                image, places = lay(shown, read_image(frame.file), hands, setup, rng)
             taken = [reading.centre_px for reading in tracker.read(image, ())]
             decoys = [*((float(x), float(y)) for x, y in taken), *places]
-            log = f"without-{number:05d}"
-            compositor.write(f"{log}-{copy}", log, image, hands, decoys_px=decoys)
-    return left_out
+            compositor.write(f"without-{number:05d}", f"-{copy}", photograph, image, hands, decoys_px=decoys)
+    return used

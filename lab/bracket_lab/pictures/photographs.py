@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -20,12 +19,11 @@ from bracket_cell.learned.hands.mediapipe.hands import MediaPipeHands
 from bracket_cell.learned.hands.mediapipe.tracker import PALM_TO_WRIST_M, bench_points
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.records import read_image
-from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import CameraSetup
 from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.pictures.handless import Compositor
-from bracket_lab.pictures.sources import PICTURES
+from bracket_lab.pictures.origins import Photograph
 from bracket_lab.pictures.worn import CutHand, dressed
 
 FINGERS = ((0, 1, 2, 3, 4), (0, 5, 6, 7, 8), (5, 9, 10, 11, 12), (9, 13, 14, 15, 16), (0, 17, 18, 19, 20))
@@ -41,18 +39,6 @@ BARE_SHARE = 0.25  # of hands that stay before what lay behind them
 GAIN = 0.2  # of the light, channel by channel
 SLEEVE = (0.75, 1.15)  # half its width, by the length from palm to wrist
 BARE_ARMS = 0.4  # share of arms without a sleeve: they have the hand's colour
-
-
-def photographs_of(folder: Path) -> list[Path]:
-    """The pictures of a folder and of those below, in order.
-
-    Raises:
-        InputError: there are none.
-    """
-    found = sorted(file for file in folder.rglob("*") if file.suffix.lower() in PICTURES)
-    if not found:
-        raise InputError(f"{folder}: holds no photographs; legal are {', '.join(PICTURES)}")
-    return found
 
 
 def cut_hands(image: Image, hands: MediaPipeHands) -> Iterator[CutHand]:
@@ -196,13 +182,13 @@ def _row(points: Array, left: bool, size: tuple[int, int]) -> HandRow:
     )
 
 
-def write_photographs(files: Sequence[Path], compositor: Compositor) -> int:
-    """Rows of hands.jsonl; returns how many photographs show a hand."""
-    seen = 0
-    for number, file in enumerate(files):
+def write_photographs(photographs: Sequence[Photograph], compositor: Compositor) -> list[Photograph]:
+    """Rows of hands.jsonl; returns the photographs that show a hand."""
+    seen = []
+    for number, photograph in enumerate(photographs):
         rng = np.random.default_rng([compositor.seed, number])
-        found = list(cut_hands(read_image(file), compositor.teacher))
-        seen += bool(found)
+        found = list(cut_hands(read_image(photograph.file), compositor.teacher))
+        seen += [photograph] * bool(found)
         for which, hand in enumerate(found):
             for copy in range(compositor.copies):
                 frame = compositor.frame(1 - BARE_SHARE, rng)
@@ -210,5 +196,5 @@ def write_photographs(files: Sequence[Path], compositor: Compositor) -> int:
                 named = bench_points(hand.points_px)
                 worn = dressed(hand, named["palm"], named["pinch"], rng)
                 image, rows = compose(worn, under, compositor.setup, rng)
-                compositor.write(f"{number:05d}-{which}-{copy}", f"photograph-{number:05d}", image, rows)
+                compositor.write(f"photograph-{number:05d}", f"-{which}-{copy}", photograph, image, rows)
     return seen

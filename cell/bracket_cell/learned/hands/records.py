@@ -60,6 +60,7 @@ class FrameRow(Model):
     Attributes:
         source_px: as of `StillRow`.
         decoys_px: (column, row) of what looks like a hand and is none: shadows, things. Those on a hand do not count.
+        source, licence: of the photograph that was laid onto it.
     """
 
     file: str
@@ -73,3 +74,5 @@ class FrameRow(Model):
     hands: tuple[HandRow, ...]
     tool_px: Point | None = None
     decoys_px: tuple[Point, ...] = ()
+    source: str = ""
+    licence: str = ""

@@ -23,7 +23,9 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.commands.training.shares import ACTIONS, HANDS, STILLS, Share, made
 from bracket_lab.commands.training.weights import Training, seconds
 from bracket_lab.learned.actions.data import Segments
+from bracket_lab.learned.hands.data import LabelledFrame
 from bracket_lab.learned.parts.data import Scene
+from bracket_lab.pictures.origins import WITHOUT_HANDS
 from bracket_lab.pictures.scoring import CLASSICAL, MEASURES, TRIVIAL, Scorer, apart
 from bracket_lab.wiring.latency import note_scores
 
@@ -62,7 +64,7 @@ def hands(asked: Training, weights: Path) -> Scores:
     setup, types = configuration.bench.overhead, tuple(product.parts)
     own = [frame for folder in asked.data or () for frame in frames_of(folder, types)]
     validation = 0 if own and not asked.simulated else max(2, int(HAND_VALIDATION * count))
-    logs = apart({frame.row.log for frame in own}, OWN_SHARE, asked.seed) if own else set()
+    logs = _kept(own, asked) if own else set()
     folders, unseen = made(asked, weights, "hands", HANDS, count, validation=validation)
     kept = [frame for frame in own if frame.row.log in logs]
 
@@ -85,6 +87,22 @@ def hands(asked: Training, weights: Path) -> Scores:
         apart=logs,
         command=asked.command("hands", epochs=epochs),
     )
+
+
+def _kept(frames: Sequence[LabelledFrame], asked: Training) -> set[str]:
+    """Logs that are kept for the scores: whole recordings, and whole sources of photographs, each of either kind.
+
+    Raises:
+        InputError: there is one alone, and no simulated hands beside it.
+    """
+    origins = {frame.row.log: frame.row.source or frame.row.log for frame in frames}
+    kept = set[str]()
+    for kind in (False, True):
+        names = {name for name in origins.values() if name.endswith(WITHOUT_HANDS) is kind}
+        kept |= apart(names, OWN_SHARE, asked.seed) if len(names) > 1 else set()
+    if not kept and not asked.simulated:
+        raise InputError("1 recording or source alone; 2 are needed, as one is kept for the scores, or --simulated")
+    return {log for log, origin in origins.items() if origin in kept}
 
 
 def holes(asked: Training, weights: Path) -> Scores:

@@ -19,6 +19,7 @@ from bracket_cell.learned.records import one_of, read_image, read_rows
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import CameraSetup
 from bracket_ground.interfaces.pose import Array
+from bracket_lab.pictures.origins import by_source
 
 ROWS = "hands.jsonl"
 LEAST_VISIBLE = 0.25  # of a hand that is to be found; less is neither right nor wrong
@@ -49,6 +50,7 @@ class HandData:
         held: (n,) 0 for nothing, 1 + number of the type, or NOT_KNOWN.
         palm_lengths_m: (hands,) from palm to wrist.
         regions: of the camera.
+        photographs: how many under which licence, by source.
     """
 
     small: NDArray[np.uint8]
@@ -66,6 +68,7 @@ class HandData:
     palm_lengths_m: Array
     regions: Regions
     sha256: str
+    photographs: dict[str, str]
 
 
 class _Sample(NamedTuple):
@@ -161,9 +164,15 @@ def load_hands(
         unsure=np.array(unsure).reshape(-1, 3),
         palm_lengths_m=np.array(lengths_m),
         regions=regions,
+        photographs=_photographs(rows),
         sha256=hashlib.sha256(b"".join((folder / ROWS).read_bytes() for folder in folders)).hexdigest(),
         **columns,
     )
+
+
+def _photographs(frames: Sequence[LabelledFrame]) -> dict[str, str]:
+    each = {(frame.file.parent, frame.row.log): (frame.row.source, frame.row.licence) for frame in frames}
+    return by_source(origin for origin in each.values() if origin[0])
 
 
 def _room(rows: Sequence[LabelledFrame]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

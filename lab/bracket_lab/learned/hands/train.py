@@ -311,6 +311,7 @@ def _recipe(
             "hands": len(_rows_of_hands(data)),
             "palm_length_m": round(float(np.median(data.palm_lengths_m)), 4),
             "palm_spread": PALM_SPREAD,
+            **({"photographs": {**data.photographs}} if data.photographs else {}),
             **({} if begin is None else {"began_with": digest_of(begin.read_bytes())[:16]}),
         },
     )

@@ -15,7 +15,7 @@ HEAD = f"""# Model cards of the shipped weights
 
 Made by `python -m bracket_lab.learned.training.cards` from the files' metadata. Licence of all weights: {LICENCE}.
 Their training data are what the command makes: scenes and images of the simulator, with labels of its truth. Where the
-metadata name photographs beside, the card says so, and that the files record neither their source nor their licence.
+metadata tell of photographs beside, the card has their number and licence by source, or that they are not recorded.
 """
 
 
@@ -46,7 +46,9 @@ def _section(path: Path, card: ModelCard) -> str:
 
 
 def _photographs(card: ModelCard) -> str:
-    """Source and licence: no field of a card has them, so where photographs were used they are unknown."""
+    """Number and licence by source; cards without that field were written before there was one."""
+    if isinstance(sources := card.config.get("photographs"), dict):
+        return "; ".join(f"{source}: {told}" for source, told in sources.items())
     used = any("photograph" in value for value in card.config.values() if isinstance(value, str))
     return f"used; source: {NOT_RECORDED}; licence: {NOT_RECORDED}" if used else "none named in the metadata"
 

@@ -19,6 +19,7 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import frames_of, load_hands
 from bracket_lab.pictures.handless import Compositor, filling, lay, write_handless
+from bracket_lab.pictures.origins import Photograph
 from tests.cell.lab.pictures.test_photographs import landmarks
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead
@@ -64,12 +65,12 @@ def test_pieces_lie_beside_the_hands_of_a_frame_and_not_on_them(seed: int) -> No
 
 
 def test_what_the_tracker_takes_for_a_hand_is_learned_as_none(tmp_path: Path) -> None:
-    files = [tmp_path / f"{number}.png" for number in range(3)]
-    for number, file in enumerate(files):
-        cv2.imwrite(str(file), photograph(number) // (1 if number else 20))
+    taken = [Photograph(tmp_path / f"{number}.png") for number in range(3)]
+    for number, each in enumerate(taken):
+        cv2.imwrite(str(each.file), photograph(number) // (1 if number else 20))
     folder = DataFolder(tmp_path / "data", "test")
-    left_out = write_handless(files, Tracker(), Compositor(Teacher(), SETUP, folder, [], 2, 0))  # type: ignore[arg-type]
-    assert left_out == 1
+    used = write_handless(taken, Tracker(), Compositor(Teacher(), SETUP, folder, [], 2, 0))  # type: ignore[arg-type]
+    assert used == taken[1:]
     rows = [frame.row for frame in frames_of(tmp_path / "data")]
     assert [(len(row.hands), row.decoys_px) for row in rows] == [(0, ((200.0, 100.0),))] * 4
     data = load_hands([tmp_path / "data"], SETUP, ("o1",), 0)

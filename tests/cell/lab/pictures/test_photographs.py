@@ -19,7 +19,8 @@ from bracket_ground.interfaces.observation import Image
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.learned.hands.data import frames_of, load_hands
 from bracket_lab.pictures.handless import Compositor
-from bracket_lab.pictures.photographs import compose, cut_hands, photographs_of, write_photographs
+from bracket_lab.pictures.origins import Photograph, photographs_of
+from bracket_lab.pictures.photographs import compose, cut_hands, write_photographs
 from bracket_lab.pictures.worn import CutHand, dressed, gloved, with_tool
 
 SETUP = load_configuration(CONFIGURATION).bench.overhead
@@ -132,9 +133,11 @@ def test_rows_are_learned_from(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "hand.png"), photograph(points)[..., ::-1])
     folder = DataFolder(tmp_path / "data", "test")
     compositor = Compositor(Teacher(points), SETUP, folder, [], 1, 3)  # type: ignore[arg-type]
-    assert write_photographs([tmp_path / "hand.png"], compositor) == 1
+    taken = Photograph(tmp_path / "hand.png", "gestures", "CC-BY-4.0")
+    assert write_photographs([taken], compositor) == [taken]
     assert len(frames_of(tmp_path / "data")) == 1
     data = load_hands([tmp_path / "data"], SETUP, ("o1",), 0)
+    assert data.photographs == {"gestures": "1 (CC-BY-4.0)"}
     seen = np.flatnonzero(data.facts[:, 0] == 1)
     assert not np.isnan(data.log_angles[seen]).any()  # how large it seems is known,
     assert np.isnan(data.heights_m[seen]).all()  # how high it is, nobody knows

@@ -279,6 +279,16 @@ def test_the_dearer_it_is_to_wait_the_sooner_the_robot_acts() -> None:
     assert decided == ["wait", "act"]
 
 
+def test_the_last_part_is_not_held_until_the_person_has_placed_theirs() -> None:
+    """Nothing is learned by that, and what the robot holds must go back."""
+    whole = PRODUCT.goal_placements("g0")
+    plan, state = believed(g0=0.98, g1=0.0, g2=0.0), AssemblyState({at: whole[at] for at in whole if at != "p4"})
+    guard = Guard(PRODUCT, GuardSettings(placement_s=4.0))
+    assert guard.judge(plan, state, EMPTY, whole["p4"], "p4", True, False).decision == "act"
+    unsure = believed(g0=0.97, g1=0.0, g2=0.0)
+    assert guard.judge(unsure, state, EMPTY, whole["p4"], "p4", True, False).decision == "wait"
+
+
 @pytest.mark.parametrize("key", ["act_probability", "doubt_probability", "ask_probability", "wrong_share"])
 def test_a_file_with_a_threshold_of_before_is_told_what_to_write(key: str, tmp_path: Path) -> None:
     text = Path("config/cell.yaml").read_text().replace("  wrong_act_s: 300.0", f"  {key}: 0.9")

@@ -74,8 +74,8 @@ def after_looks(product: Product, plan: AssemblyPlan, state: AssemblyState, wron
     unknown = plan.goal_belief.get(UNKNOWN_GOAL, 0.0)
     to_the_end = (len(open_at) + 1) // 2, unknown * most_s
     looks = min(FARTHEST, len(open_at) - 1)
-    if looks < 1:  # the next one ends the bracket
-        return ((1, 0.0),)
+    if looks < 1:  # the next one ends the bracket, and what the robot holds goes back
+        return ((2, 0.0),)
     if not likely:
         return (1, most_s), to_the_end
     belief = np.array([plan.goal_belief[goal] for goal in likely])

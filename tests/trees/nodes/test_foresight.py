@@ -67,6 +67,15 @@ def test_the_hand_that_goes_to_a_hole_tells_where_the_part_in_the_gripper_goes_a
         assert node.update() is answer
 
 
+def test_of_a_part_that_is_placed_already_nothing_is_foreseen_while_the_hand_still_holds_it() -> None:
+    planner = ScriptedPlanner(SURE)
+    at = services(semantic=planner)
+    node: Any = alone(PositionForeseen("foreseen"), at, part="o1", plan=OPEN, state=AssemblyState({"p5": "o2"}))
+    see(at, 1.0, hand=carrying("p6", 0.02), action=Action("assembly", 1.0, "o2", "p5"))
+    assert node.update() is Status.FAILURE
+    assert not planner.asked
+
+
 def test_a_hand_that_is_far_from_all_holes_foretells_nothing() -> None:
     at = services(semantic=ScriptedPlanner(SURE))
     node = node_of(at)

@@ -70,6 +70,8 @@ class PositionForeseen(CellNode):
         """Where the part in the gripper goes if the hand fills the hole that it seems to go to; None where unsure."""
         if view.hand is None or view.hand.held_part is None or view.hand.velocity_m_s is None:
             return None
+        if view.action.position in self.state.get().placed:  # it counts already, and is not let go yet
+            return None
         theirs = self._hand_goes_to(view, view.hand, view.hand.held_part, view.hand.velocity_m_s)
         if theirs is None:
             return None

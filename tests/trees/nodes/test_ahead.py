@@ -7,11 +7,13 @@ from dataclasses import replace
 import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
+from bracket_cell.trees.guard import Guard, GuardSettings
 from bracket_cell.trees.nodes.ahead import AwaitPosition, ChooseSparePart, HoldsNeededPart, RecallTray
 from bracket_cell.trees.nodes.handing import PartIsNeeded
+from bracket_cell.trees.nodes.planning import CheckPlacement
 from bracket_cell.trees.nodes.services import Services
 from bracket_ground.interfaces.perception import Action, HandSample, HoleView
-from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
+from bracket_ground.interfaces.planning import UNKNOWN_GOAL, AssemblyPlan, AssemblyState
 from btxml.engine.status import Status
 from btxml.testing import alone
 from tests import ROOT
@@ -141,6 +143,23 @@ def test_the_position_whose_way_is_clear_and_short_is_taken(beside: str | None, 
     see(at, 1.0, hand=None if beside is None else hand_at(*hole_m(beside)), action=TRANSIT)
     assert node.update() is Status.SUCCESS
     assert node.position.entry.value == chosen  # type: ignore[union-attr]
+
+
+def test_what_was_begun_after_a_wait_goes_on_when_the_person_places_a_part_meanwhile() -> None:
+    """As sure as before, it was turned back there: the wait, which made it worth its risk, began anew."""
+    likely = replace(SURE, goal_belief={"g0": 0.96, UNKNOWN_GOAL: 0.04}, next_belief={("o1", "p1"): 0.96})
+    at = services(guard=Guard(PRODUCT, GuardSettings(placement_s=4.0)), placed_s=0.0)
+    node, state = waiter(at), AssemblyState({"p3": "o1", "p4": "o2", "p5": "o2"})
+    node.plan.entry.value, node.state.entry.value = likely, state  # type: ignore[union-attr]
+    see(at, 5.0)
+    assert node.update() is Status.RUNNING
+    see(at, 20.0)
+    assert node.update() is Status.SUCCESS
+    at.memory.placed_s, waited_s = 20.5, node.waited_s.entry.value  # type: ignore[union-attr]
+    see(at, 21.0)
+    for waited, answer in ((0.0, Status.FAILURE), (waited_s, Status.SUCCESS)):
+        check = alone(CheckPlacement("check"), at, plan=likely, state=state, part="o1", position="p1", waited_s=waited)
+        assert check.update() is answer
 
 
 def test_a_position_that_the_person_is_filling_is_theirs() -> None:

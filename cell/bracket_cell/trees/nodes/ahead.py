@@ -141,6 +141,7 @@ class AwaitPosition(CellNode):
     clear_m = InputPort(float, "how far the hand must be from the way to it", default=0.0, least=0)
     patience_s = InputPort(float, "how long the hand is waited for", default=5.0, least=0)
     position = OutputPort(Hole, "where it will be put")
+    waited_s = OutputPort(float, "how long the person was waited for since a part was placed last", default="")
 
     _sure_since_s: float | None = None
 
@@ -163,6 +164,7 @@ class AwaitPosition(CellNode):
                 self.now.show(message=Message("holding {part}; {reason}", part=part, reason=reason))
             return Status.RUNNING
         self.position.set(Hole(position))
+        self.waited_s.set(self.services.waited_s)
         verdict = judge(self.services, plan, state, part, position)
         note_verdict(self.services, part, position, verdict.decision, verdict.reason)
         self.now.show(message=Message("bringing {part} to {position}", part=part, position=position))

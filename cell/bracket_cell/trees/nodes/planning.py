@@ -138,7 +138,10 @@ class ChoosePosition(CellNode):
 
 
 class CheckPlacement(CellNode):
-    """Is this placement still right? (ticked again and again while the part is carried)"""
+    """Is this placement still right? (ticked again and again while the part is carried)
+
+    What the wait for the person made cheap enough to begin stays so, when they place a part meanwhile.
+    """
 
     node_type = "Condition"
     traits = Traits(guards=True, instant=True)
@@ -147,6 +150,7 @@ class CheckPlacement(CellNode):
     state = InputPort(AssemblyState, "what is placed so far")
     part = InputPort(Part, "type of the part in the gripper")
     position = InputPort(Hole, "where it will be put")
+    waited_s = InputPort(float, "how long the person had been waited for when it was begun", default=0.0, least=0)
 
     _verdict: Verdict | None = None
 
@@ -155,7 +159,8 @@ class CheckPlacement(CellNode):
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        self._verdict = verdict = judge(self.services, self.plan.get(), self.state.get(), part, position)
+        plan, state, waited_s = self.plan.get(), self.state.get(), self.waited_s.get()
+        self._verdict = verdict = judge(self.services, plan, state, part, position, waited_s)
         if verdict.decision == "act":
             return Status.SUCCESS
         note_verdict(self.services, part, position, verdict.decision, verdict.reason)
@@ -189,8 +194,14 @@ class WithoutGuard(CellNode):
         return Status.SUCCESS
 
 
-def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str) -> Verdict:
-    """The guard's verdict on one placement with what is seen in this tick."""
+def judge(
+    services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str, waited_s: float = 0.0
+) -> Verdict:
+    """The guard's verdict on one placement with what is seen in this tick.
+
+    Args:
+        waited_s: how long the person has been waited for, at least.
+    """
     kind, memory = services.tools.product.parts[part], services.memory
     if kind.made_of and memory.held_part != part and not services.built(part):
         words = Message("no {part} is built at {place}", part=part, place=kind.built_at)
@@ -199,7 +210,8 @@ def judge(services: Services, plan: AssemblyPlan, state: AssemblyState, part: st
     reachable = services.reachable(part, position)
     present = services.now.observation.operator.present
     holes = view.holes if view else {}
-    return services.tools.guard.judge(plan, state, holes, part, position, reachable, present, services.waited_s)
+    waited_s = max(waited_s, services.waited_s)
+    return services.tools.guard.judge(plan, state, holes, part, position, reachable, present, waited_s)
 
 
 def note_verdict(services: Services, part: str, position: str, decision: str, reason: str) -> None:

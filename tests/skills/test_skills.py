@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bracket_cell.skills.grasping.contact import Descend, tool_height_m
-from bracket_cell.skills.grasping.handling import present_hold
+from bracket_cell.skills.grasping.handling import joints_of, present_hold
 from bracket_cell.skills.grasping.phases import PhasedSkill, SetGripper
 from bracket_cell.skills.grasping.straight import MoveUntilContact
 from bracket_cell.skills.motion.grasp_pose import hole_pose
 from bracket_cell.skills.motion.lying_grasp import lying_holds
-from bracket_cell.skills.motion.planner import MotionPlanner
+from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_cell.skills.move_aside import MoveAside
 from bracket_cell.skills.move_to import MoveTo
@@ -135,6 +135,24 @@ def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
         x, y, z = np.subtract(planner.kinematics.forward(joints).position_m, let_go)
         assert z > 0.02 or np.hypot(x, y) < 0.005
     assert planner.around is None
+
+
+def test_a_tool_that_was_pushed_against_the_part_it_let_go_leaves_it_upwards(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, bench: Bench
+) -> None:
+    """A hand pushes the arm: from there no way was free, and a person was told to empty fingers that were."""
+    holding(planner, product, robot)
+    assert robot.run(Place(planner, "p4", "o2")).status is SkillStatus.SUCCESS
+    seen_from = robot.observe()
+    load, let_go = Load(seen_from.gripper.opening_m), planner.kinematics.forward(joints_of(seen_from))
+    for pushed_m in np.linspace(-0.03, 0.03, 61):
+        x, y, z = let_go.position_m
+        joints = planner.kinematics.follow(Pose((x, y + pushed_m, z), let_go.quaternion_wxyz), joints_of(seen_from))
+        assert joints is not None
+        way = planner.free_move(joints, np.array(bench.arm_park_rad), load)
+        assert not isinstance(way, str), f"{pushed_m:.3f}: {way}"
+        first = planner.kinematics.forward(way.positions_rad[len(way.times_s) // 8]).position_m
+        assert first[2] > z
 
 
 @pytest.mark.parametrize("skill", [Pick, MoveAside])

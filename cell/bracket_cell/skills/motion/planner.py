@@ -195,10 +195,9 @@ class MotionPlanner:
         """A lift is often enough; then whatever a search finds."""
         from bracket_cell.skills.motion.search import ways_around  # most runs never search
 
-        leaving = self.scene(Load(load.opening_m, close=True))
         clear_m = self._below_parts_m(start_rad, load)
         for lift_m, drop_m in LIFTS_M:
-            yield self._lifted(scene, leaving, (start_rad, goal_rad), max(lift_m, clear_m), drop_m)
+            yield self._lifted(scene, load.opening_m, (start_rad, goal_rad), max(lift_m, clear_m), drop_m)
         if not (scene.touches(start_rad) or scene.touches(goal_rad)):
             limits_rad = self.kinematics.limits_rad
             ends = np.array([start_rad, goal_rad])
@@ -220,24 +219,29 @@ class MotionPlanner:
         return Message("no free way: {contact}", contact=contact)
 
     def _lifted(
-        self, scene: Scene, leaving: Scene, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
+        self, scene: Scene, opening_m: float, ends_rad: tuple[Array, Array], lift_m: float, drop_m: float
     ) -> JointTrajectory | None:
-        """Up at first and down at the end, nearly straight, the soonest way between; None where that is not free.
-
-        Args:
-            leaving: what counts on the way up, where the tool goes away from what stands beside it.
-        """
+        """Up at first and down at the end, nearly straight, the soonest way between; None where that is not free."""
         start_rad, goal_rad = ends_rad
         up_rad, over_rad = self._above(start_rad, lift_m), self._above(goal_rad, drop_m)
         if up_rad is None or over_rad is None:
             return None
-        if not leaving.is_free(np.array([start_rad, up_rad])):
+        if not self._leaves(np.array([start_rad, up_rad]), opening_m):
             return None
         for over in self.beside.soonest(up_rad, over_rad):
             rest = np.concatenate([over, [goal_rad]]) if drop_m else over
             if scene.is_free(rest):
                 return self._through(scene, np.concatenate([[start_rad], rest]), STRAIGHT)
         return None
+
+    def _leaves(self, way_up_rad: Array, opening_m: float) -> bool:
+        """Whether a way up is free, on which the tool goes away from what stands beside it.
+
+        What it let go does not count where somebody pushed it against that.
+        """
+        if self.scene(Load(opening_m, close=True)).is_free(way_up_rad):
+            return True
+        return self.around is not None and self._checker.scene(opening_m).is_free(way_up_rad)
 
     def _above(self, joints_rad: Array, lift_m: float) -> Array | None:
         """The joints that have the tool so much higher."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,14 +9,18 @@ import coal
 import mujoco
 import numpy as np
 
-from bracket_ground.interfaces.robot import RobotModel, Servos
+from bracket_ground.errors import SettingError
+from bracket_ground.interfaces.pose import Array
+from bracket_ground.interfaces.robot import RobotModel
 from bracket_ground.interfaces.urdf import FLANGE
 from bracket_sim.scene import palette
 
 # Servos of an arm whose file has none: so stiff for its torque, between these, with these shares of that. They are
-# those of the shipped arms, which follow within a milliradian.
-STIFFNESS, LEAST_STIFFNESS, MOST_STIFFNESS, USUAL_TORQUE_NM = 15.0, 600.0, 5000.0, 100.0
+# those of the shipped arms, which follow within a milliradian; a heavy arm's trail by TRAILS_RAD while it speeds up.
+STIFFNESS, LEAST_STIFFNESS, MOST_STIFFNESS, TRAILS_RAD = 15.0, 600.0, 5000.0, 0.005
 ARMATURE, DAMPING = 1 / 4500, 1 / 450
+USUAL_TORQUE_NM, TORQUE_SHARE = 100.0, 4.0  # the least, and times what speeds the arm up, where nobody says
+POSTURES, SEED = 100, 1
 LEAST_MASS_KG, LEAST_INERTIA_KG_M2 = 0.1, 1e-3  # of a link that has no mass, or an inertia that no body has
 MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
 TOUCHING_FROM = 2  # what this joint and the later ones carry touches parts and bench
@@ -31,8 +34,8 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(_named_apart(robot.urdf_text).replace("</robot>", options + "</robot>"))
     spec.compiler.balanceinertia = True  # public descriptions round their inertias
     _read_meshes(spec)
-    _drive_joints(spec, robot)
     _finish_links(spec, robot.joint_names[TOUCHING_FROM])
+    _drive_joints(spec, robot)
     return spec
 
 
@@ -46,31 +49,39 @@ def _named_apart(text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def servos(robot: RobotModel) -> Servos:
-    """How an arm's joints are driven; see `RobotModel.servos`."""
-    if robot.servos is not None:
-        return robot.servos
-    wanted = (STIFFNESS * (torque or USUAL_TORQUE_NM) for torque in robot.torques_nm)
-    stiffness = tuple(min(max(value, LEAST_STIFFNESS), MOST_STIFFNESS) for value in wanted)
-    armature, damping = (tuple(share * value for value in stiffness) for share in (ARMATURE, DAMPING))
-    return Servos(stiffness_nm_rad=stiffness, armature_kg_m2=armature, damping_nm_s_rad=damping)
-
-
 def _drive_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    driven = servos(robot)
-    values = driven.stiffness_nm_rad, robot.torques_nm, driven.armature_kg_m2, driven.damping_nm_s_rad
-    for name, stiffness, most, armature, damping in zip(robot.joint_names, *values, strict=True):
-        torque, joint = most or USUAL_TORQUE_NM, spec.joint(name)
-        joint.armature = armature
-        joint.damping = [damping, 0.0, 0.0]
-        actuator = spec.add_actuator(
-            name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name, forcerange=[-torque, torque]
-        )
-        actuator.set_to_position(kp=stiffness, dampratio=1.0)
+    torques_nm, needed_nm = np.array(robot.torques_nm), _speeding_up_nm(spec, robot)
+    rows = zip(robot.joints, torques_nm, needed_nm, strict=True)
+    if weak := [f"{joint} has {has:g} N m and needs {needs:.2g}" for joint, has, needs in rows if 0 < has < needs]:
+        what = f"too weak to speed up so soon: {', '.join(weak)}: more torque_nm, or less acceleration_rad_s2"
+        raise SettingError((("robot",), what))
+    torques_nm = np.where(torques_nm > 0, torques_nm, np.maximum(USUAL_TORQUE_NM, TORQUE_SHARE * needed_nm))
+    stiffness = np.maximum(np.clip(STIFFNESS * torques_nm, LEAST_STIFFNESS, MOST_STIFFNESS), needed_nm / TRAILS_RAD)
+    driven = [values for _, values in robot.servos or ()] or [stiffness, ARMATURE * stiffness, DAMPING * stiffness]
+    for name, torque, stiff, armature, damping in zip(robot.joint_names, torques_nm, *driven, strict=True):
+        joint = spec.joint(name)
+        joint.armature, joint.damping = armature, [damping, 0.0, 0.0]
+        kind, most = mujoco.mjtTrn.mjTRN_JOINT, [-torque, torque]
+        actuator = spec.add_actuator(name=name, trntype=kind, target=name, forcerange=most)
+        actuator.set_to_position(kp=stiff, dampratio=1.0)
+
+
+def _speeding_up_nm(spec: mujoco.MjSpec, robot: RobotModel) -> Array:
+    """(n,) with which each joint, in half of all postures, speeds up as soon as it may."""
+    model = spec.copy().compile()
+    data, inertias = mujoco.MjData(model), np.zeros((POSTURES, model.nv, model.nv))
+    least, most = robot.limits_rad
+    postures = np.random.default_rng(SEED).uniform(least, most, (POSTURES, model.nv))
+    for inertia, data.qpos[:] in zip(inertias, postures, strict=True):
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, inertia)
+    needed: Array = np.median(inertias, axis=0).diagonal() * robot.acceleration_rad_s2
+    return needed
 
 
 def _finish_links(spec: mujoco.MjSpec, touching_from: str) -> None:
-    touching = [body.name for body in _carried(spec.joint(touching_from).parent)]
+    first = spec.joint(touching_from).parent
+    touching = [first.name, *(body.name for body in first.find_all("body"))]
     for body in spec.bodies:
         body.gravcomp = 1.0
         if (body.joints and not body.geoms and not body.mass) or not _has_inertia(body):
@@ -85,9 +96,8 @@ def _finish_links(spec: mujoco.MjSpec, touching_from: str) -> None:
 def _has_inertia(body: mujoco.MjsBody) -> bool:
     """Whether what a file says of a body's inertia is that of some body, or it says nothing."""
     xx, yy, zz, xy, xz, yz = body.fullinertia
-    if not body.explicitinertial or np.isnan(xx):
-        return True
-    return bool(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).min() > 0)
+    told, matrix = body.explicitinertial and not np.isnan(xx), [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    return not told or bool(np.linalg.eigvalsh(matrix).min() > 0)
 
 
 def _read_meshes(spec: mujoco.MjSpec) -> None:
@@ -98,10 +108,3 @@ def _read_meshes(spec: mujoco.MjSpec) -> None:
             mesh.uservert = read.vertices().ravel()
             mesh.userface = np.array([[read.tri_indices(k)[c] for c in range(3)] for k in range(read.num_tris)]).ravel()
             mesh.file = ""
-
-
-def _carried(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """A body and all that hangs on it."""
-    yield body
-    for child in body.bodies:
-        yield from _carried(child)

@@ -179,8 +179,11 @@ class Configuration(Model):
         return self.model_copy(update={"perception": self.perception.with_detector("holes", "none"), "guard": guard})
 
 
-def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuration:
+def load_configuration(path: Path | str = DEFAULT_CONFIGURATION, rested: bool = True) -> Configuration:
     """Read a configuration; paths in it become absolute.
+
+    Args:
+        rested: resting poses that it leaves out are found.
 
     Raises:
         InputError: with every problem of the file.
@@ -217,7 +220,7 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION) -> Configuratio
             "log": log,
         }
     )
-    if bench.arm_look_rad and bench.arm_park_rad:
+    if not rested or (bench.arm_look_rad and bench.arm_park_rad):
         return complete
     return complete.model_copy(update={"bench": _rested(complete, path)})
 

@@ -151,7 +151,7 @@ def teach(
     With stop, the arm turns each joint and measures how it stops; status 1 if that is worse than reckoned with. With
     obstacles, of an arm behind ROS 2, what stands there by MoveIt's planning scene is taken.
     """
-    configuration, product = _read(config)
+    configuration, product = _read(config, rested=name in (ROBOT, STOP))
     if name == GRIPPER:
         return _teach_gripper(configuration, product, config)
     if name == ROBOT:
@@ -169,7 +169,7 @@ def teach(
             joints.append(np.array(joints_now()))
     values, message = teaching.values(joints)
     write_values(config, values)
-    load_configuration(config)  # what it says now is legal
+    load_configuration(config, rested=False)  # what it says now is legal
     console().print(f"{config}: {message}", highlight=False)
     return 0
 
@@ -206,7 +206,7 @@ def bench(
     as_json: JsonOption = False,
 ) -> int:
     """Draw what the cameras see and the arm reaches. Status 1 where something is cut off."""
-    configuration, product = _read(config)
+    configuration, product = _read(config, rested=False)
     view = BenchView(configuration.bench, product, MotionPlanner(product, configuration.bench, configuration.motion))
     try:
         out.write_text(view.svg, encoding="utf-8")
@@ -222,8 +222,8 @@ def bench(
     return 1 if view.problems else 0
 
 
-def _read(config: Path) -> tuple[Configuration, Product]:
-    configuration = load_configuration(config)
+def _read(config: Path, rested: bool = True) -> tuple[Configuration, Product]:
+    configuration = load_configuration(config, rested)
     return configuration, load_product(configuration, config)
 
 

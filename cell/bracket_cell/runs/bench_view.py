@@ -45,7 +45,7 @@ class BenchView:
             found = with_resting_poses(bench, product, motion.settings, leaves_in_view(bench, product)).arm_look_rad
         except ValueError as error:
             self.problems.append(str(error))
-            found = tuple(motion.kinematics.usual_rad.tolist())
+            found = bench.arm_look_rad or tuple(motion.kinematics.usual_rad.tolist())
         self._look = np.array(found)
         self._judge()
 

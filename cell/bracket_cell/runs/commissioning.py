@@ -82,7 +82,7 @@ class Teaching:
     def _pose(self, joints_rad: Array) -> tuple[dict[Location, object], str]:
         """Joints at the turns nearest to the other pose: the way between them goes round nothing."""
         other = next(key for name, key in POSES.items() if name != self._name)
-        near = np.array(getattr(self._bench, other))
+        near = np.array(getattr(self._bench, other) or joints_rad)
         joints = self._motion.kinematics.wrapped(joints_rad, near)
         turned = [
             name

@@ -15,15 +15,14 @@ from bracket_cell.runs.bench_view import BenchView
 from bracket_cell.skills.motion.collision import CollisionChecker
 from bracket_cell.skills.motion.outline import Shape
 from bracket_cell.skills.motion.planner import MotionPlanner
-from bracket_cell.skills.motion.postures import axis_of, slides
+from bracket_cell.skills.motion.postures import misplaced_flange
 from bracket_ground.errors import InputError, Place, Problem
 from bracket_ground.files.files import read_text
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel, complete, load_robot
-from bracket_ground.interfaces.urdf import FLANGE, element, likely_flange
+from bracket_ground.interfaces.urdf import element, likely_flange
 
 URDF, XACRO = ".urdf", ".xacro"
-ALONG, LEAST_M = 0.9, 1e-6  # cosine of what is along an axis; a way that counts
 SIZE_PX, EDGE_PX = 700, 40
 FROM = np.array([[-0.6, 0.8, 0.0], [-0.4, -0.3, 0.866], [0.69, 0.52, 0.5]])  # right, up and towards who looks
 SOLID = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])  # sides of a box
@@ -76,7 +75,7 @@ class RobotView:
         return complete(RobotModel(name=self.file.stem, urdf=str(self.file.resolve()), flange=flange))
 
     def _look_at(self, robot: RobotModel) -> None:
-        configuration = load_configuration(self.config)
+        configuration = load_configuration(self.config, rested=False)
         product = load_product(configuration, self.config)
         bench = configuration.bench.model_copy(update={"arm_look_rad": (), "arm_park_rad": ()})
         motion = MotionPlanner(product, bench, configuration.motion.of(robot, *configuration.timing_s))
@@ -86,20 +85,9 @@ class RobotView:
         tool_m = ", ".join(f"{value:.2f}" for value in motion.kinematics.position_m(home))
         self.remarks.append(f"at rest the tool is at ({tool_m}) m: {at_rest.touching or 'nothing touches'}")
         view = BenchView(bench, product, motion)
-        self.problems += [*misplaced_flange(robot, motion.kinematics.model), *view.problems]
+        self.problems += [*misplaced_flange(robot), *view.problems]
         self.remarks += view.remarks
         self.picture = at_rest.svg
-
-
-def misplaced_flange(robot: RobotModel, model: pinocchio.Model) -> list[str]:
-    """Whether the flange's z points away from the arm, as the last joint carries it; in words where it does not."""
-    flange, last = model.frames[model.getFrameId(FLANGE)], model.njoints - 1
-    z, axis = flange.placement.rotation[:, 2], axis_of(model, last)
-    outwards = flange.placement.translation - model.jointPlacements[last].inverse().translation
-    if slides(model, last) or (abs(z @ axis[3:]) > ALONG and z @ outwards > -LEAST_M):
-        return []
-    where = "into the arm" if abs(z @ axis[3:]) > ALONG else "aside"
-    return [f"z of the flange {robot.flange!r} points {where}: `flange` must be a link whose z points away from it"]
 
 
 def _joints(robot: RobotModel) -> list[str]:

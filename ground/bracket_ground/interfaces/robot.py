@@ -191,7 +191,10 @@ class RobotModel(Model):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was taken for granted about the arm, in words."""
-        return self._drawn.remarks
+        inside = self.within(np.array(self.home_rad or self.limits_rad[0]))
+        beyond = [joint for joint, free in zip(self.joints, inside, strict=True) if not free]
+        ignored = [f"home_rad is beyond the limits of {', '.join(beyond)}: another one is found"] if beyond else []
+        return (*self._drawn.remarks, *ignored)
 
     @property
     def unshaped(self) -> tuple[str, ...]:
@@ -234,7 +237,7 @@ def complete(robot: RobotModel) -> RobotModel:
     if wrong := [*_wrong_limits(robot, speeds), *_wrong_counts(robot)]:
         raise ValueError(f"{robot.urdf}: {'; '.join(wrong)}")
     values = {"speed_rad_s": speeds, "acceleration_rad_s2": accelerations, "jerk_rad_s3": jerks}
-    return robot.model_copy(update=values)
+    return RobotModel.model_construct(robot.model_fields_set, **{**dict(robot), **values})
 
 
 def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
@@ -254,10 +257,9 @@ def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
 
 def _wrong_counts(robot: RobotModel) -> Iterator[str]:
     count = len(robot.joints)
-    servos = {} if robot.servos is None else dict(robot.servos)
     limits = {f"safety.{mode}.joint_rad_s": of.joint_rad_s for mode, of in robot.safety}
     rows = ("range_rad", "speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "home_rad")
-    given = {**{name: getattr(robot, name) for name in rows}, **servos, **limits}
+    given = {**{name: getattr(robot, name) for name in rows}, **dict(robot.servos or ()), **limits}
     for name, values in given.items():
         if values and len(values) != count:
             yield f"{name} has {len(values)} values, the arm has {count} joints: {', '.join(robot.joints)}"

@@ -10,11 +10,13 @@ import numpy as np
 import pinocchio
 import pytest
 
+from bracket_cell.commands.doctor import examine
 from bracket_cell.commands.main import main
-from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.runs.robot_view import misplaced_flange
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
 from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.postures import misplaced_flange
 from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.robot import FOLDER, RobotModel, complete
 from bracket_ground.interfaces.urdf import element, likely_flange
 from tests.arms import DRAWN, cell_file, robot_file
@@ -191,9 +193,22 @@ def test_the_flange_is_the_link_whose_name_says_so(first: str, tmp_path: Path) -
 @pytest.mark.parametrize(("turn", "where"), [("0 0 0", ""), ("0 1.5708 0", "aside"), ("3.1416 0 0", "into the arm")])
 def test_a_flange_that_points_elsewhere_is_said(turn: str, where: str, tmp_path: Path) -> None:
     robot = load_drawn(tmp_path, SEVEN.replace('rpy="0 0 0"/></joint></robot>', f'rpy="{turn}"/></joint></robot>'))
-    words = misplaced_flange(robot, pinocchio.buildModelFromXML(robot.urdf_text))
+    words = misplaced_flange(robot)
     assert where in (words or [""])[0]
     assert bool(words) == bool(where)
+
+
+def test_a_flange_that_leaves_no_pose_to_rest_in_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    turned = SEVEN.replace('rpy="0 0 0"/></joint></robot>', 'rpy="3.1416 0 0"/></joint></robot>')
+    (folder / "turned.urdf").write_text(turned)
+    (folder / "turned.yaml").write_text("name: turned\nurdf: turned.urdf\nflange: plate\n")
+    config = cell_file(folder, "turned.yaml")
+    with pytest.raises(InputError, match=r"arm_look_rad: .*z of the flange 'plate' points into the arm"):
+        load_configuration(config)
+    (told,) = [finding for finding in examine(config) if finding.what == "configuration"]
+    assert "points into the arm" in told.remedy
+    assert main(["check", "turned.yaml", "--config", str(config)]) == 1
+    assert "checked_turned.png" in said(capsys)
 
 
 MESHES = {
@@ -229,6 +244,14 @@ def test_an_arm_is_drawn_with_words_on_what_it_reaches(folder: Path, capsys: pyt
     for words in ("ax6: -3.05 to 3.05", "at rest the tool is at", "reaches all holes", "home_rad", "checked_seven.png"):
         assert words in told
     assert (folder / "checked_seven.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_the_program_chose_or_did_not_take_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot_file(folder, "seven", "jerk_rad_s3: [9, 9, 9, 9, 9, 9, 9]\nhome_rad: [0, 0.4, 0, 3.2, 0, 0.7, 4]\n")
+    main(["check", "seven.yaml", "--config", str(cell_file(folder, "seven.yaml"))])
+    told = said(capsys)
+    assert "not given, and chosen by the program: acceleration_rad_s2\n" in told
+    assert "home_rad is beyond the limits of ax3, ax6: another one is found" in told
 
 
 def test_a_bare_description_is_enough(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -250,6 +250,21 @@ def test_a_tray_that_is_cut_off_is_told_and_drawn(
     assert "does not see bin o1" in BenchView(far, PRODUCT, motion).problems[0]
 
 
+@pytest.mark.usefixtures("twin")
+def test_a_pose_is_taught_where_none_is_found(
+    real: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pressed(monkeypatch)
+    lines = [line for line in real.read_text().splitlines(keepends=True) if "arm_park_rad" not in line]
+    real.write_text("".join(lines).replace("[0.56, -0.38, 0.004]", "[0.56, -1.8, 0.004]"))
+    with pytest.raises(InputError, match="arm_park_rad: the arm is free in no posture beside the tray"):
+        load_configuration(real)
+    assert main(["setup", "bench", "--config", str(real), "--out", str(real.parent / "bench.svg")]) == 1
+    assert "arm_park_rad: the arm is free in no posture" in capsys.readouterr().err
+    assert main(["setup", "teach", "park", "--config", str(real)]) == 0
+    assert load_configuration(real).bench.arm_park_rad
+
+
 @pytest.mark.long
 def test_one_motion_after_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pressed(monkeypatch)

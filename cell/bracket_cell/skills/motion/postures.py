@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio
 
 from bracket_ground.interfaces.pose import FINGERS_DOWN, Array, Pose
+from bracket_ground.interfaces.robot import RobotModel
 from bracket_ground.interfaces.urdf import FLANGE
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ HEIGHTS_M = (0.10, 0.30)  # over the table: where a bench has its parts, for the
 REACHES = (0.45, 0.6, 0.75)  # shares of the arm's reach, in its front
 CANDIDATES, KINDS, QUICK = 10, 12, 15  # postures that are tried, kinds that are compared, steps until one is found
 HIGH_M = 0.5  # higher joints than that are no better
+ALONG, LEAST_M = 0.9, 1e-6  # cosine of what is along an axis; a way that counts
 LIKE_RAD = 0.3  # postures that differ by less are of one kind
 
 
@@ -183,6 +185,19 @@ def axis_of(model: pinocchio.Model, number: int) -> Array:
     model.joints[number].calc(data, np.zeros(model.nq))
     axis: Array = np.asarray(data.S).ravel()
     return axis
+
+
+def misplaced_flange(robot: RobotModel) -> list[str]:
+    """Whether the flange's z points away from the arm, as the last joint carries it; in words where it does not."""
+    model = pinocchio.buildModelFromXML(robot.urdf_text)
+    flange, last = model.frames[model.getFrameId(FLANGE)], model.njoints - 1
+    z, axis = flange.placement.rotation[:, 2], axis_of(model, last)
+    outwards = flange.placement.translation - model.jointPlacements[last].inverse().translation
+    if slides(model, last) or (abs(z @ axis[3:]) > ALONG and z @ outwards > -LEAST_M):
+        return []
+    where = "into the arm" if abs(z @ axis[3:]) > ALONG else "aside"
+    remedy = "name a link whose z points away from it, or add one to the URDF by a fixed joint"
+    return [f"z of the flange {robot.flange!r} points {where}: {remedy}"]
 
 
 def slides(model: pinocchio.Model, number: int) -> bool:

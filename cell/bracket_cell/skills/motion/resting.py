@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.motion.postures import misplaced_flange
 from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.pose import FINGERS_DOWN, Array, Pose
@@ -64,6 +65,7 @@ def _first(motion: MotionPlanner, poses: Iterator[Pose], what: str, clear: Sight
             reason = reason or str(found)
     if first:
         return first
+    reason = "; ".join((reason, *misplaced_flange(motion.settings.robot)))
     raise ValueError(f"{what} ({reason}): move the tray, or lead the arm there with `cell setup teach`")
 
 

@@ -26,11 +26,12 @@ from bracket_cell.learned.semantic.goals import OpenGoals
 from bracket_cell.packages import LABORATORY, SIMULATOR, damaged_packages, how_to_install, missing_packages, offers
 from bracket_cell.simulator import installed, simulator
 from bracket_cell.skills.drivers.settings import CanSettings
+from bracket_cell.skills.motion.postures import misplaced_flange
 from bracket_cell.wiring.bench_checks import bench_problems
 from bracket_cell.wiring.detectors import check_detectors, with_detectors_for
 from bracket_cell.wiring.devices import examined, find_drivers
 from bracket_cell.wiring.limits import described
-from bracket_ground.errors import CellError, Problem, SettingError, words_of
+from bracket_ground.errors import CellError, InputError, Problem, SettingError, words_of
 from bracket_ground.files.yaml_file import place_of
 from bracket_ground.interfaces.product import Product
 
@@ -135,7 +136,7 @@ def examine(path: Path, slower: float = 1.0) -> list[Finding]:
     rendering = replace(rendering, needed=bool(configuration.devices.simulated))
     machine = [rendering, _disk(logs), _writable(logs), *_can(configuration), _drivers(configuration, path)]
     there = all(finding.ok for finding in (rendering, *machine[3:]) if finding.needed)
-    devices = [*_devices(configuration, product), *_examined(configuration, product, slower)] if there else []
+    devices = [*_devices(configuration, product, path), *_examined(configuration, product, slower)] if there else []
     bench = _bench(configuration, product, path) if rendering.ok else ()  # without it the simulator is not loaded
     own = [Finding(f"configuration {path}", True), _arm(configuration), *bench]
     return [
@@ -150,8 +151,8 @@ def examine(path: Path, slower: float = 1.0) -> list[Finding]:
 
 
 def _arm(configuration: Configuration) -> Finding:
-    """What was taken for granted about the arm, such as shapes of links whose meshes are missing."""
-    remarks = configuration.robot.remarks
+    """What was taken for granted about the arm, such as shapes of links whose meshes are missing, or looks wrong."""
+    remarks = [*configuration.robot.remarks, *misplaced_flange(configuration.robot)]
     return Finding(f"shapes and joints of {configuration.robot.name}", not remarks, "; ".join(remarks), needed=False)
 
 
@@ -214,11 +215,16 @@ def _examined(configuration: Configuration, product: Product, slower: float) -> 
             yield Finding(check.what, not check.remedy, check.remedy)
 
 
-def _devices(configuration: Configuration, product: Product) -> Iterator[Finding]:
+def _devices(configuration: Configuration, product: Product, path: Path) -> Iterator[Finding]:
     """Cameras and speed of the simulated cell."""
     if not configuration.devices.simulated:
         return
-    devices = simulator().opened(configuration, product, 0)
+    try:
+        with located(path, configuration):
+            devices = simulator().opened(configuration, product, 0)
+    except InputError as error:
+        yield Finding("the simulated cell", False, str(error))
+        return
     try:
         devices.wrist.trigger()
         begun_s = time.perf_counter()

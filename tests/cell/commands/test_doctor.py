@@ -143,6 +143,7 @@ def test_without_rendering_no_device_is_opened(monkeypatch: pytest.MonkeyPatch, 
         ("interface: virtual", "interface: socketcan", "ip link set gripper up type can"),
         ("panel: {kind: simulated}", "panel: {kind: our_bench:Lamp}", "no module 'our_bench'"),
         ("tick_hz: 25.0", "tick_hz: -1", "controller.tick_hz: input should be"),
+        ("[0.72, 0.14, 0.036]", "[0.72, 0.14, 0.001]", "the upper side is 0.001 m above the table"),
     ],
 )
 def test_a_configuration_that_does_not_fit_the_machine_is_told(old: str, new: str, words: str, tmp_path: Path) -> None:

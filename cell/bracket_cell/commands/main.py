@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import re
 import shlex
@@ -14,10 +16,11 @@ import typer
 from bracket_cell.commands.options import with_usual
 from bracket_cell.commands.terminal import BAD_INPUT, BESIDE, SAFE_STOP, Command, Table, complain
 from bracket_cell.packages import LABORATORY, SIMULATOR, offers
-from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError
+from bracket_ground.errors import CellError, DeviceFault, InputError, LogError, ModelError, words_of
 from btxml.engine.errors import TreeError
 
 OWN = ("bracket_", "btxml")  # a module of these that is missing is a defect, not an installation
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # of what a command prints to
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
 LAB = "lab"
@@ -120,6 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
         if {"run", "serve", "show"} & set(words[:2]):
             words = with_usual(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)
+        sys.stdout.flush()
     except (InputError, LogError, ModelError, TreeError) as error:
         return _complain(str(error), BAD_INPUT)
     except DeviceFault as error:
@@ -134,11 +138,13 @@ def main(arguments: list[str] | None = None) -> int:
         message = None if (found := installed()) is None else found.missing_library(error)
         if message is None and isinstance(error, ModuleNotFoundError) and not (error.name or "").startswith(OWN):
             message = f"the package {error.name} is not installed: `cell doctor` says how to get it"
+        if message is None and isinstance(error, OSError) and error.errno in FULL:
+            message, sys.stdout = f"the output cannot be written: {words_of(error)}", io.StringIO()  # the rest is lost
         if message is None:
             raise
         return _complain(message, BAD_INPUT)
     except typer.TyperException as error:
-        return _complain(error.format_message() + _usage(error), BAD_INPUT)
+        return _complain(error.format_message().replace("Value error, ", "") + _usage(error), BAD_INPUT)
     if status == INTERRUPTED:
         return _interrupted()
     return status if isinstance(status, int) else 0

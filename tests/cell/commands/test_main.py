@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import re
 import subprocess
@@ -36,6 +38,39 @@ def test_a_broken_tree_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFi
     path.write_text('<root BTCPP_format="4">\n  <BehaviorTree ID="A">\n    <Sequence>\n  </BehaviorTree>\n</root>\n')
     for command in (["check", path], ["run", path], ["show", path]):
         assert f"{path}:4:" in complaint(capsys, *command)
+
+
+class Full(io.StringIO):
+    """A file on a full disk; it takes what fits into its buffer."""
+
+    def __init__(self, fits: int) -> None:
+        super().__init__()
+        self._fits = fits
+
+    def write(self, text: str) -> int:
+        written = super().write(text)
+        if self.tell() > self._fits:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return written
+
+    def flush(self) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("fits", [0, 1_000_000])
+@pytest.mark.parametrize(
+    "words", [["--version"], ["docs"], ["docs", "shift"], ["nodes"], ["show", TREE], ["safety", "show", "--json"]]
+)
+def test_an_output_that_a_full_disk_does_not_take_is_told_in_a_line(
+    words: list[str], fits: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Full(fits))
+    assert main([str(word) for word in words]) == 2
+    assert capsys.readouterr().err == "cell: the output cannot be written: No space left on device\n"
+
+
+def test_a_word_that_is_no_choice_is_told_without_those_of_a_library(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "'--format': 'foo' is not one of 'text'" in complaint(capsys, "nodes", "--format", "foo")
 
 
 def test_an_unknown_node_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

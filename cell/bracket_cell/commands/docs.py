@@ -27,11 +27,12 @@ def docs(
             say.print(f"{name:{width}}  {_title(path)}", markup=False, soft_wrap=True)
         say.print(f"{folder}: `cell docs PAGE` shows one", markup=False, soft_wrap=True)
         return
-    name = page.removeprefix("docs/").removesuffix(".md")
-    if name not in pages:
-        near = get_close_matches(name, pages, 3) or sorted(pages)
-        raise InputError(f"there is no page {page!r}; there are: {', '.join(near)}")
-    say.print(Markdown(read_text(pages[name])))
+    known = {name.lower(): path for name, path in pages.items()}
+    name = page.lower().removeprefix("docs/").removesuffix(".md")
+    if name not in known:
+        near = ", ".join(get_close_matches(name, known, 3))
+        raise InputError(f"there is no page {page!r}{near and f', but {near}'}; `cell docs` lists all")
+    say.print(Markdown(read_text(known[name])))
 
 
 def _title(page: Path) -> str:

@@ -129,6 +129,8 @@ def write_new(folder: Path, files: Mapping[str, bytes]) -> None:
     taken += [
         path for path in sorted({folder, *(path.parent for path in paths)}) if path.exists() and not path.is_dir()
     ]
+    if len(taken) == len(paths) > 2:
+        raise InputError(Problem(Place(folder), "holds all of these files already", "choose another folder"))
     if taken:
         raise InputError(*(Problem(Place(path), "exists already", "choose another name") for path in taken))
     begun: list[Path] = []  # folders and files that were not there

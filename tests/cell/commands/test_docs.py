@@ -21,7 +21,7 @@ def test_all_pages_are_listed_by_their_titles(capsys: pytest.CaptureFixture[str]
     assert len(lines) == 1 + len(list((ROOT / "docs").rglob("*.md")))
 
 
-@pytest.mark.parametrize("name", ["shift", "docs/shift.md"])
+@pytest.mark.parametrize("name", ["shift", "docs/shift.md", "Shift"])
 def test_a_page_is_shown(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["docs", name]) == 0
     assert "cell run --shift" in capsys.readouterr().out
@@ -29,7 +29,7 @@ def test_a_page_is_shown(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_page_that_there_is_not_is_answered_with_those_near_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["docs", "shfit"]) == 2
-    assert "there is no page 'shfit'; there are: shift" in capsys.readouterr().err
+    assert "there is no page 'shfit', but shift; `cell docs` lists all" in capsys.readouterr().err
 
 
 def test_messages_name_pages_that_there_are() -> None:

@@ -73,6 +73,12 @@ def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]
     assert files_of(folder) == before
 
 
+def test_a_folder_that_is_complete_is_told_in_a_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["init", str(folder)]) == 2
+    assert capsys.readouterr().err == f"cell: {folder}: holds all of these files already; choose another folder\n"
+
+
 @pytest.mark.parametrize("words", [["init", ""], ["schema", ""], ["run", "--log="], ["report", ""]])
 def test_an_empty_argument_is_not_the_working_folder(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

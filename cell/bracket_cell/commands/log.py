@@ -145,7 +145,14 @@ def query(
     from bracket_cell.log.report.text import entry_text
 
     stream = streamed(log, from_s, until_s)
-    tell_entries(question.query(stream, asked), as_json, lambda entry: entry_text(entry, LONGEST_VALUE), log[0])
+    words, found = lambda entry: entry_text(entry, LONGEST_VALUE), question.query(stream, asked)
+    if not tell_entries(found, as_json, words, log[0]):
+        each = question.Query(node), question.Query(key=key), question.Query(topic=topic)
+        for name, text, alone in zip(("node", "key", "topic"), (node, key, topic), each, strict=True):
+            if text is not None and next(question.query(streamed(log), alone), None) is None:
+                complain(
+                    f"--{name} {text}: no {'tick changes such a node' if name == 'node' else f'JSON has such a {name}'}"
+                )
     tell_lack(log, stream)
 
 

@@ -208,8 +208,8 @@ def _tell_differences(
 
 def tell_entries(
     entries: Iterable[Mapping[str, Any]], as_json: bool, text: Callable[[Mapping[str, Any]], str], log: Path
-) -> None:
-    """Entries of a log one by one, in words or an object a line; that there are none is said on standard error."""
+) -> int:
+    """Entries of a log one by one, in words or an object a line, and their number; none is said on standard error."""
     from bracket_cell.log.read.ticks import holding
 
     count = 0
@@ -218,6 +218,7 @@ def tell_entries(
             say(json.dumps(entry) if as_json else text(entry))
     if not count:
         complain("nothing of that is in the log")
+    return count
 
 
 def tell_json(answer: Mapping[str, object]) -> None:

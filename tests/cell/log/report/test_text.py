@@ -104,6 +104,23 @@ def test_commands_tell_people_what_they_ask_for(assembly_log: Log, capsys: pytes
     assert "nothing of that" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--node", "Pickpart"], "--node Pickpart: no tick changes such a node"),
+        (["--topic", "bensh", "--key", "held_part"], "--topic bensh: no JSON has such a topic"),
+        (["--topic", "bench", "--key", "heldpart"], "--key heldpart: no JSON has such a key"),
+        (["--topic", "joint_states"], "--topic joint_states: no JSON has such a topic"),
+    ],
+)
+def test_a_question_for_what_no_log_has_is_told_as_such(
+    words: list[str], told: str, assembly_log: Log, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A misspelt node was told like one that never failed."""
+    assert main(["log", "query", str(assembly_log.path), *words]) == 0
+    assert capsys.readouterr().err == f"cell: nothing of that is in the log\ncell: {told}\n"
+
+
 @pytest.mark.parametrize("command", [["log", "ticks"], ["log", "query"], ["replay"]])
 @pytest.mark.parametrize("span", [["--from", "nan"], ["--until", "nan"], ["--from", "9", "--until", "3"]])
 def test_a_span_that_is_none_is_bad_input(

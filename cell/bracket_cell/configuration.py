@@ -222,19 +222,20 @@ def load_configuration(path: Path | str = DEFAULT_CONFIGURATION, rested: bool = 
     )
     if not rested or (bench.arm_look_rad and bench.arm_park_rad):
         return complete
-    return complete.model_copy(update={"bench": _rested(complete, path)})
+    return with_rest(complete, load_product(complete, path), path)
 
 
-def _rested(configuration: Configuration, path: Path) -> Bench:
-    """The bench with poses of an arm whose file leaves them out."""
+def with_rest(configuration: Configuration, product: Product, path: Path) -> Configuration:
+    """The same with resting poses of an arm whose file leaves them out."""
     from bracket_cell.learned.classical.bench_evidence import leaves_in_view
     from bracket_cell.skills.motion.resting import with_resting_poses  # a second that nobody else needs
 
-    bench, product = configuration.bench, load_product(configuration, path)
+    bench = configuration.bench
     try:
-        return with_resting_poses(bench, product, configuration.motion, leaves_in_view(bench, product))
+        bench = with_resting_poses(bench, product, configuration.motion, leaves_in_view(bench, product))
     except ValueError as error:
         raise InputError(Problem(place_of(path, ("bench",)), str(error))) from None
+    return configuration.model_copy(update={"bench": bench})
 
 
 def nodes_from(names: Iterable[str], folder: Path) -> tuple[str, ...]:

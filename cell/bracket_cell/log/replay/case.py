@@ -86,7 +86,7 @@ def _weights(log: Log) -> dict[str, bytes]:
         if name not in log.attachments:
             raise LogError(log.path, f"has no attachment {name}")
     with unpacked(log, log.attachments) as folder:
-        planners = load_configuration(folder / "configuration.yaml").planners
+        planners = load_configuration(folder / "configuration.yaml", rested=False).planners
     files = {name: recorded_weights(log, name, planner) for name, planner in planners}
     return {name: file.read_bytes() for name, file in files.items() if file is not None}
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product
+from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, with_rest
 from bracket_cell.kinds import DETECTORS, PLANNERS, KindSettings, files_of
 from bracket_cell.learned.inference.onnx_model import digest_of
 from bracket_cell.log.read.reader import Log, json_of
@@ -57,8 +59,11 @@ def load(
     """
     _is_whole(log)
     try:
-        with unpacked(log, {**log.attachments, **{file: text.encode() for file, text in edited.items()}}) as folder:
-            return _load(log, changes, folder)
+        files = unpacked(log, {**log.attachments, **{file: text.encode() for file, text in edited.items()}})
+        with ExitStack() as stack:
+            found = _load(log, changes, stack.enter_context(files))
+            atexit.register(stack.pop_all().close)  # the arm's meshes are read for as long as this process replays
+        return found
     except InputError as error:
         if not (missing := nodes_missing(log, changes.nodes)):
             raise
@@ -68,8 +73,9 @@ def load(
 
 def _load(log: Log, changes: Changes, folder: Path) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
     if changes.configuration is None:
-        configuration = load_configuration(folder / "configuration.yaml")
+        path = folder / "configuration.yaml"
         product = load_yaml(folder / "product.yaml", Product)
+        configuration = with_rest(load_configuration(path, rested=False), product, path)
         _refuse_classes(log, configuration)
     else:
         configuration = load_configuration(changes.configuration)

@@ -20,6 +20,8 @@ from bracket_ground.interfaces.operator import WorkOrder
 LOOK_S = 1.0  # so often the file is looked at
 NEXT_N = 5  # orders that a tick knows of
 MOST_N, AMOUNT_MOST, ID_MOST, DIGITS = 10_000, 100_000, 60, 9  # a number of more digits is too large anyway
+TOLD_N = 20  # lines that are no orders, of one look: a tick has no time for a file of them
+REST = "mend those before, and write these anew at the end"
 KEYS: dict[str, type] = {"id": str, "variant": str, "amount": int, "due": str, "cancelled": bool}
 WORDS = {str: "text", int: "a whole number", bool: "true or false"}
 
@@ -139,6 +141,9 @@ class WorkOrders:
                     self._take(self.checked(line, named=self._book.path is not None))
                 except InputError as error:
                     problems.append(Problem(Place(self._path, number), str(error)))
+            if len(problems) == TOLD_N:
+                problems.append(Problem(Place(self._path, number + 1), "lines from here on were not read", REST))
+                break
         return problems
 
     def _order(self, read: Any, named: bool) -> WorkOrder:

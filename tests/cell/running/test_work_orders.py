@@ -72,6 +72,19 @@ def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: ob
     assert what in str(told.value)
 
 
+def test_of_many_lines_that_are_no_orders_the_first_are_told(tmp_path: Path) -> None:
+    path = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0"}, *["none"] * 300)
+    with pytest.raises(InputError) as refused:
+        WorkOrders(GOALS, path)
+    assert str(refused.value).count("this is no work order") == 20
+    assert f"{path}:22: lines from here on were not read" in str(refused.value)
+    queue = WorkOrders(GOALS, written(tmp_path / "grows.jsonl", {"id": "A", "variant": "g0"}))
+    queue.open(0.0)
+    written(tmp_path / "grows.jsonl", *["none"] * 300)
+    queue.open(LOOK_S)
+    assert len(queue.news) == 21
+
+
 def test_a_line_that_is_edited_changes_its_order_and_the_others_stay(tmp_path: Path) -> None:
     path = written(tmp_path / "orders.jsonl", {"id": "A", "variant": "g0", "amount": 3}, {"variant": "g1"})
     orders = WorkOrders(GOALS, path)

@@ -23,7 +23,7 @@ from bracket_ground.errors import InputError, words_of
 from bracket_ground.files.files import whole_or_none
 from bracket_ground.interfaces.pose import Array
 
-VERSION, CHUNK = "v3.0", 1000
+VERSION, CHUNK, SUCCESS = "v3.0", 1000, "next.success"
 CAMERAS = ("overhead", "wrist")
 AXES = ("height", "width", "channels")
 PIXELS_EVERY = 10  # frames between two whose pixels count for the statistics
@@ -134,7 +134,8 @@ def _write_tables(episodes: Sequence[Episode], rate_hz: float, folder: Path) -> 
         count = len(episode.times_s)
         target = folder / "data" / _file(number, ".parquet")
         target.parent.mkdir(parents=True, exist_ok=True)
-        parquet.write_table(_rows(arrow, episode, number, first, tasks.index(episode.task), rate_hz), target)
+        rows = _rows(arrow, episode, number, first, tasks.index(episode.task), rate_hz)
+        parquet.write_table(rows if _judged(episodes) else rows.drop_columns([SUCCESS]), target)
         place = {"chunk_index": number // CHUNK, "file_index": number % CHUNK}
         video = {**place, "from_timestamp": 0.0, "to_timestamp": count / rate_hz}
         about.append(
@@ -168,7 +169,7 @@ def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate
         ENVIRONMENT: arrow.array(list(episode.parts_m.astype(np.float32)), arrow.list_(arrow.float32(), 3)),
         "action": arrow.array(list(episode.actions.astype(np.float32)), vectors),
         "next.done": arrow.array(last & episode.ended, arrow.bool_()),
-        "next.success": arrow.array([*([False] * (count - 1)), episode.success], arrow.bool_()),
+        SUCCESS: arrow.array([*([False] * (count - 1)), episode.success], arrow.bool_()),
         "timestamp": arrow.array((np.arange(count) / rate_hz).astype(np.float32)),
         "frame_index": arrow.array(np.arange(count, dtype=np.int64)),
         "episode_index": arrow.array(np.full(count, number, np.int64)),
@@ -176,6 +177,11 @@ def _rows(arrow: Any, episode: Episode, number: int, first: int, task: int, rate
         "task_index": arrow.array(np.full(count, task, np.int64)),
     }
     return arrow.table(columns)
+
+
+def _judged(episodes: Sequence[Episode]) -> bool:
+    """Whether each is known to be a success or none: trainers read no column that says nothing of one."""
+    return all(episode.success is not None for episode in episodes)
 
 
 def _task_table(arrow: Any, tasks: Sequence[str]) -> Any:
@@ -220,7 +226,7 @@ def _info(episodes: Sequence[Episode], rate_hz: float, sizes: Mapping[str, tuple
             "action": vector,
             **videos,
             "next.done": flag,
-            "next.success": flag,
+            **({SUCCESS: flag} if _judged(episodes) else {}),
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
             **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), whole),
         },

@@ -24,6 +24,7 @@ from bracket_cell.device_settings import OwnDevice
 from bracket_cell.fleet.store import is_address
 from bracket_cell.kinds import DETECTORS, WEIGHTS, files_of
 from bracket_cell.recording.identity import code_version
+from bracket_cell.runs.heading import robot_files
 from bracket_cell.simulator import simulator
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
@@ -220,6 +221,7 @@ def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Pa
         if file.resolve().is_relative_to(config_folder):
             files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
     files |= {name: file.read_bytes() for name, file in own.items()}
+    _send_robot(configuration, path, files)
     weights = [file for name in DETECTORS for file in configuration.perception.files(name).values()]
     weights += [file for name, planner in configuration.planners for file in files_of(name, planner).values()]
     made_of = [f"commit {' '.join(code_version().values())}"]
@@ -233,6 +235,15 @@ def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Pa
         raise InputError(f"{path}: with its weights each run takes {size} bytes along; legal: up to {MOST_SENT_BYTES}")
     names = f"trees/{tree.name}", f"config/{path.name}"
     return *names, tuple(sorted(files.items())), tuple(sorted(own)), tuple(made_of)
+
+
+def _send_robot(configuration: Configuration, path: Path, files: dict[str, bytes]) -> None:
+    """Take a robot of one's own along, with URDF and meshes, as a log does."""
+    name = f"config/{path.name}"
+    written = read_data(path, files[name].decode())
+    if (path.parent / str(written.get("robot", ""))).is_file():
+        files.update({f"config/sent/{file}": sent for file, (_, sent) in robot_files(configuration.robot).items()})
+        files[name] = yaml.safe_dump({**written, "robot": "sent/robot.yaml"}).encode()
 
 
 def _send(file: Path, path: Path, files: dict[str, bytes]) -> None:
@@ -292,12 +303,11 @@ def _digest(content: bytes) -> str:
 
 
 def _beside(configuration: Configuration, path: Path) -> Iterator[Path]:
-    """What a configuration names next to itself and, once loaded, holds no path of: simulator, robot, drivers."""
+    """What a configuration names next to itself and, once loaded, holds no path of: simulator and drivers."""
     written = read_data(path, read_text(path))
     devices = written.get("devices", {})
-    for name in (written.get("robot"), devices.get("simulation")):
-        if name is not None:
-            yield path.parent / name
+    if (name := devices.get("simulation")) is not None:
+        yield path.parent / name
     for role in ROLES:
         device = getattr(configuration.devices, role)
         if isinstance(device, OwnDevice):

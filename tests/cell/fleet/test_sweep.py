@@ -22,6 +22,8 @@ from bracket_cell.fleet.one_run import run_here
 from bracket_cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, apart, count, load_sweep, tasks
 from bracket_cell.fleet.table import read_table
 from bracket_ground.errors import InputError
+from bracket_ground.interfaces.robot import FOLDER
+from tests.arms import NEARER, cell_file, robot_file
 
 WALL = ("peak", "wall", "took", "cpu", "real_time", "overruns", "late", "log", "contact_sheet")
 WORKER = re.compile(r"spawn_main|one_run import serve")
@@ -108,6 +110,18 @@ def test_trees_of_one_name_are_told_apart_and_are_runs_of_their_own(tmp_path: Pa
     one, other = tasks(Sweep(trees=tuple(trees)))
     assert (dict(one.label)["tree"], dict(other.label)["tree"]) == ("a/assemble.xml", "b/assemble.xml")
     assert one.key != other.key
+
+
+def test_an_arm_of_ones_own_travels_with_a_run_with_urdf_and_meshes(tmp_path: Path) -> None:
+    (tmp_path / "cell").mkdir()
+    urdf = robot_file(tmp_path / "cell", "seven").with_suffix(".urdf")
+    shutil.copy(FOLDER / "ur10" / "collision" / "wrist3.stl", tmp_path / "cell" / "own.stl")
+    shape = '<collision><geometry><mesh filename="own.stl"/></geometry></collision></link><joint name="ax3"'
+    urdf.write_text(urdf.read_text().replace('</link><joint name="ax3"', shape, 1))
+    config = cell_file(tmp_path / "cell", "seven.yaml", {**NEARER, "max_duration_s: 300.0": "max_duration_s: 1.0"})
+    [task] = tasks(Sweep(configurations=(config,), pixels=False))
+    shutil.rmtree(tmp_path / "cell")  # a worker has none of it
+    assert run_here(task)["end"] == "timeout"
 
 
 def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) -> None:

@@ -696,7 +696,8 @@ def test_after_a_closed_lid_nothing_old_is_shown_as_new(chromium: Callable[..., 
         os.kill(process, signal.SIGCONT)
     visitor.page.wait_for_timeout(3000)
     seen = visitor.page.evaluate("window.seen")
-    assert not [sample for sample in seen if woken_ms - 2000 < sample[0] < woken_ms], "it slept"
+    meanwhile = [sample for sample in seen if woken_ms - 2000 < sample[0] < woken_ms]
+    assert len(meanwhile) <= 1, "it slept"  # the clock of a page that wakes may lag: its first sample is told as older
     later = [sample[1:] for sample in seen if sample[0] > woken_ms + 1000 * LATE_S]
     assert len(later) > 20
     if goes_on:

@@ -44,6 +44,10 @@ class _Annotation(BaseModel):
         patterns = (re.escape(each).replace(r"\*\*", ".*").replace(r"\*", "[^/]*") for each in wanted)
         return any(re.fullmatch(pattern, path) for pattern in patterns)
 
+    @property
+    def expression(self) -> str:
+        return self.licence if isinstance(self.licence, str) else " AND ".join(self.licence)
+
 
 class _Licences(BaseModel):
     annotations: tuple[_Annotation, ...] = ()
@@ -64,16 +68,10 @@ def photographs_of(folder: Path, kind: str = "") -> list[Photograph]:
     annotations, found = _licences(folder / LICENCES), list[Photograph]()
     for file in files:
         path = file.relative_to(folder)
-        said = [each.licence for each in annotations if each.licence and each.names(path.as_posix())]
+        said = [each.expression for each in annotations if each.licence and each.names(path.as_posix())]
         source = path.parts[0] if len(path.parts) > 1 else folder.resolve().name
-        found.append(
-            Photograph(file, f"{source}{kind}", _expression(said[-1]) if said else NOT_RECORDED)
-        )  # of several the last counts
+        found.append(Photograph(file, f"{source}{kind}", [NOT_RECORDED, *said][-1]))  # of several the last counts
     return found
-
-
-def _expression(licence: str | tuple[str, ...]) -> str:
-    return licence if isinstance(licence, str) else " AND ".join(licence)
 
 
 def _licences(file: Path) -> tuple[_Annotation, ...]:

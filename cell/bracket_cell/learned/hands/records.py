@@ -76,3 +76,8 @@ class FrameRow(Model):
     decoys_px: tuple[Point, ...] = ()
     source: str = ""
     licence: str = ""
+
+    @property
+    def origin(self) -> str:
+        """What is learned from or kept for the scores as a whole: a source of photographs, or a recording."""
+        return self.source or self.log

@@ -64,9 +64,9 @@ def hands(asked: Training, weights: Path) -> Scores:
     setup, types = configuration.bench.overhead, tuple(product.parts)
     own = [frame for folder in asked.data or () for frame in frames_of(folder, types)]
     validation = 0 if own and not asked.simulated else max(2, int(HAND_VALIDATION * count))
-    logs = _kept(own, asked) if own else set()
+    apart_from = _kept(own, asked) if own else set()
     folders, unseen = made(asked, weights, "hands", HANDS, count, validation=validation)
-    kept = [frame for frame in own if frame.row.log in logs]
+    kept = [frame for frame in own if frame.row.origin in apart_from]
 
     def score() -> dict[str, float]:
         scorer = Scorer(configuration, product, "hands", "slim", weights)
@@ -84,25 +84,24 @@ def hands(asked: Training, weights: Path) -> Scores:
         score=score,
         epochs=epochs,
         begin=begin,
-        apart=logs,
+        apart=apart_from,
         command=asked.command("hands", epochs=epochs),
     )
 
 
 def _kept(frames: Sequence[LabelledFrame], asked: Training) -> set[str]:
-    """Logs that are kept for the scores: whole recordings, and whole sources of photographs, each of either kind.
+    """Origins that are kept for the scores: whole recordings, and whole sources of photographs, each of either kind.
 
     Raises:
         InputError: there is one alone, and no simulated hands beside it.
     """
-    origins = {frame.row.log: frame.row.source or frame.row.log for frame in frames}
     kept = set[str]()
     for kind in (False, True):
-        names = {name for name in origins.values() if name.endswith(WITHOUT_HANDS) is kind}
+        names = {frame.row.origin for frame in frames if frame.row.origin.endswith(WITHOUT_HANDS) is kind}
         kept |= apart(names, OWN_SHARE, asked.seed) if len(names) > 1 else set()
     if not kept and not asked.simulated:
         raise InputError("1 recording or source alone; 2 are needed, as one is kept for the scores, or --simulated")
-    return {log for log, origin in origins.items() if origin in kept}
+    return kept
 
 
 def holes(asked: Training, weights: Path) -> Scores:

@@ -128,7 +128,7 @@ def load_hands(
     Args:
         setup: of the camera that took the frames.
         types: of parts, in the order of the product.
-        apart: recordings that are left out, for the scores.
+        apart: origins of frames that are left out, for the scores.
 
     Raises:
         InputError: one is no such folder, is damaged, or was made for another camera or product.
@@ -139,7 +139,7 @@ def load_hands(
         labelled_frame
         for folder in folders
         for labelled_frame in frames_of(folder, types)
-        if labelled_frame.row.log not in apart
+        if labelled_frame.row.origin not in apart
     ]
     small, patches = _room(rows)
     centres: list[list[float]] = []

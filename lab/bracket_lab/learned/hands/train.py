@@ -182,7 +182,7 @@ def train_hands(
     Args:
         folders: of `cell lab data hands`.
         score: scores of the tracker that reads `out`.
-        apart: recordings that are not learned from.
+        apart: origins of frames that are not learned from.
         begin: weights to begin with, finder and refiner beside them.
 
     Returns:

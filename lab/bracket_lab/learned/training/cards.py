@@ -46,7 +46,7 @@ def _section(path: Path, card: ModelCard) -> str:
 
 
 def _photographs(card: ModelCard) -> str:
-    """Number and licence by source; cards without that field were written before there was one."""
+    """Number and licence by source; of a card without these, whether its settings tell of photographs."""
     if isinstance(sources := card.config.get("photographs"), dict):
         return "; ".join(f"{source}: {told}" for source, told in sources.items())
     used = any("photograph" in value for value in card.config.values() if isinstance(value, str))

@@ -66,7 +66,7 @@ def test_wrong_licences_are_refused_in_words(tmp_path: Path, licences: str, told
 def frames(*origins: str, logs: int = 4) -> list[LabelledFrame]:
     """Of photographs of sources."""
     rows = [
-        FrameRow(file="x.jpg", log=f"{origin} {number}", hands=(), source=origin)
+        FrameRow(file="x.jpg", log=f"photograph-{number:05d}", hands=(), source=origin)  # as of folders of their own
         for origin in origins
         for number in range(logs)
     ]
@@ -77,7 +77,7 @@ def frames(*origins: str, logs: int = 4) -> list[LabelledFrame]:
 def test_a_source_is_learned_from_or_kept_and_some_of_either_kind_is_learned_from(tmp_path: Path, seed: int) -> None:
     own = frames("a", "b", "c", f"d{WITHOUT_HANDS}", f"e{WITHOUT_HANDS}", f"f{WITHOUT_HANDS}")
     kept = _kept(own, Training(out=tmp_path / "w.onnx", seed=seed))
-    sources = [{frame.row.source for frame in own if (frame.row.log in kept) is side} for side in (True, False)]
+    sources = [{frame.row.source for frame in own if (frame.row.origin in kept) is side} for side in (True, False)]
     assert not sources[0] & sources[1]
     assert all({name.endswith(WITHOUT_HANDS) for name in side} == {True, False} for side in sources)
 

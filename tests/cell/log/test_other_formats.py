@@ -86,6 +86,24 @@ def test_images_that_the_log_left_out_change_no_rate(assembly_log: Log, tray_log
     gap = replace(assembly_log, messages=tuple(kept))
     write_lerobot([gap, tray_log], tmp_path / "set")
     assert json.loads((tmp_path / "set/meta/info.json").read_text())["fps"] == 15
+    assert len(rows(tmp_path / "set", 0)["index"]) == pytest.approx(16, abs=2)  # then none shows an image of before
+    assert sum(rows(tmp_path / "set", episode)["next.done"][-1] for episode in range(3)) == 2
+
+
+def test_a_gap_parts_episodes_and_no_row_is_made_up(tray_log: Log, tmp_path: Path) -> None:
+    """What was asked of a moving arm is not known after a gap: it may have been told in it."""
+    ticks = tray_log.ticks
+    began = next(place for place in range(30, len(ticks)) if ticks[place].observation.arm.moving)
+    log = replace(tray_log, ticks=(*ticks[: began - 10], *ticks[began + 5 :]))
+    write_lerobot([log], tmp_path / "set")
+    write_lerobot([tray_log], tmp_path / "whole")
+    whole = rows(tmp_path / "whole", 0)
+    parts = [rows(tmp_path / "set", episode) for episode in (0, 1)]
+    assert [part["next.done"][-1] for part in parts] == [False, True]
+    assert parts[0]["timestamp"][-1] < ticks[began - 10].time_s
+    assert len(parts[0]["index"]) + len(parts[1]["index"]) < len(whole["index"]) - 15 * 0.04 * 15 + 2
+    later = np.array(parts[1]["action"])
+    assert np.allclose(later, np.array(whole["action"])[-len(later) :], atol=0.02)
 
 
 def test_actions_are_where_the_arm_is_about_to_be(data_set: Path) -> None:
@@ -202,7 +220,7 @@ def test_tables_join_by_run_and_tell_of_it(assembly_log: Log, tmp_path: Path, st
 
 
 def test_a_run_whose_end_is_unknown_is_no_failure(assembly_log: Log, tmp_path: Path) -> None:
-    cut = replace(assembly_log, unfinished="was not closed", result={})
+    cut = replace(assembly_log, unfinished="was not closed", result={}, outcome={})
     write_lerobot([cut], tmp_path / "set")
     last = {name: values[-1] for name, values in rows(tmp_path / "set", 0).items()}
     assert last["next.done"] is False

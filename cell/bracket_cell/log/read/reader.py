@@ -71,6 +71,10 @@ class Log:
         last = self.ticks[-1].number + 1 if self.ticks else 0
         return max(_whole(counted) or 0, last)
 
+    def begins_at(self, place: int) -> bool:
+        """Whether the tick before this place of `ticks` is not in the log: what held until then may hold no more."""
+        return not place or self.ticks[place].number != self.ticks[place - 1].number + 1
+
 
 @dataclass(frozen=True)
 class _Part:

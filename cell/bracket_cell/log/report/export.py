@@ -100,12 +100,13 @@ def export(log: Log, style: str, path: Path) -> int:
 
 
 def table(log: Log) -> Iterator[dict[str, Any]]:
-    """One row a tick, all with the same columns; what holds until it changes is repeated."""
+    """One row a tick, all with the same columns; what holds until it changes is repeated, but over no gap."""
     goals = list(dict.fromkeys(name for tick in log.ticks for name in (_belief(tick) or {})))
-    belief: Mapping[str, float] = {}
+    belief: Mapping[str, float]
     joints = joint_names(log)
-    message = ""
-    for tick in log.ticks:
+    for place, tick in enumerate(log.ticks):
+        if log.begins_at(place):
+            belief, message = {}, ""
         seen = tick.observation
         belief = _belief(tick) or belief
         message = tick.display["message"] if tick.display else message

@@ -1,8 +1,9 @@
-"""Rows of an episode from a log: what the arm measured and what was asked of it, at the overhead camera's rate."""
+"""Rows of episodes from a log: what the arm measured and what was asked of it, at the overhead camera's rate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from bracket_ground.errors import LogError
 from bracket_ground.interfaces.pose import Array
 
 RATE_HZ = 15.0  # of a data set without images
+LATE_IMAGES = 2.5  # periods of a camera: older, the image of a row was left out of the log
 
 
 @dataclass(eq=False)
 class Episode:
-    """The rows of one log.
+    """The rows of one log, or of a stretch of it between ticks that are missing.
 
     Attributes:
         states, actions: (rows, n + 1) joints and opening, measured and asked for.
@@ -41,27 +43,53 @@ class Episode:
     pixels: dict[str, list[Array]] = field(default_factory=dict)
 
 
-def rows_of(log: Log, rate_hz: float) -> Episode:
-    """Rows at a constant rate from the first overhead image to the last tick."""
-    ticks = log.ticks
-    starts = np.array([tick.time_s for tick in ticks])
-    first_s = max([float(starts[0]), *image_times_s(log)[:1]])
+def episodes_of(log: Log, rate_hz: float) -> list[Episode]:
+    """Rows at a constant rate from the first overhead image to the last tick; where some are missing, rows are, too.
+
+    What follows is another episode. It begins where the arm stands: what a moving one was asked, the gap may have held.
+
+    Raises:
+        LogError: there is no row.
+    """
+    ticks, images_s = log.ticks, image_times_s(log)
+    starts, numbers = np.array([(tick.time_s, tick.number) for tick in ticks]).T
+    first_s = max([float(starts[0]), *images_s[:1]])
     count = int((starts[-1] - first_s) * rate_hz) + 1
     times_s = first_s + np.arange(count) / rate_hz
-    at = np.clip(np.searchsorted(starts, times_s + 1e-9, side="right") - 1, 0, len(ticks) - 1)
+    at = _newest(starts, times_s)
+    later = _newest(starts, times_s + 1 / rate_hz)
     measured = np.array([[*tick.observation.arm.positions_rad, tick.observation.gripper.opening_m] for tick in ticks])
-    asked = _asked(log, measured)
-    later = np.minimum(np.searchsorted(starts, times_s + 1 / rate_hz + 1e-9, side="right") - 1, len(ticks) - 1)
+    asked, known = _asked(log, measured)
+    last = np.maximum(later, np.minimum(at + 1, len(ticks) - 1))
+    whole = known[at] & (numbers[last] - numbers[at] == last - at)
+    if len(images_s) > 1:
+        ages_s = times_s - np.array(images_s)[_newest(np.array(images_s), times_s)]
+        whole &= ages_s < LATE_IMAGES * np.median(np.diff(images_s))
+    kept = np.flatnonzero(whole)
+    if not len(kept):
+        raise LogError(log.path, "has too many gaps: of no tick it is known what the arm was asked")
     goal = json_of(log.path, log.result, "goal", str) or log.metadata.get("goal", "")
     task = f"Help a person to assemble {log.metadata.get('product', 'a product')} {goal}".strip()
-    rows = times_s, measured[at], asked[later], _after(log)[at]
-    return Episode(*rows, task, json_of(log.path, log.result, "correct", bool), not log.unfinished, joint_names(log))
+    success, joints, after = json_of(log.path, log.result, "correct", bool), joint_names(log), _after(log)
+    ended = bool(log.outcome) and log.ticks_of_run == numbers[-1] + 1
+    return [
+        Episode(*(times_s[rows], measured[at[rows]], asked[later[rows]], after[at[rows]], task),
+                success and done, ended and done, joints)
+        for rows in np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1)
+        for done in [bool(rows[-1] == count - 1)]
+    ]  # fmt: skip
+
+
+def _newest(of_s: Array, times_s: Array) -> Any:
+    """The place of the newest of these times at each of those, of the first before it."""
+    return np.clip(np.searchsorted(of_s, times_s + 1e-9, side="right") - 1, 0, None)
 
 
 def _after(log: Log) -> Array:
     """Where the part stood that the newest plan names, at each tick: (ticks, 3)."""
     found, now = [], (0.0, 0.0, 0.0)
-    for tick in log.ticks:
+    for place, tick in enumerate(log.ticks):
+        now = (0.0, 0.0, 0.0) if log.begins_at(place) else now
         for topic, fields in tick.notes:
             seen = tick.observation.parts
             if topic == "plan" and seen is not None and 0 <= fields.get("required", -1) < len(seen.detections):
@@ -70,16 +98,17 @@ def _after(log: Log) -> Array:
     return np.array(found)
 
 
-def _asked(log: Log, measured: Array) -> Array:
-    """Joints and opening that were asked for at each tick: (ticks, n + 1).
+def _asked(log: Log, measured: Array) -> tuple[Array, Any]:
+    """Joints and opening that were asked for at each tick: (ticks, n + 1); and whether that is known of it.
 
+    What nobody asked anything is asked to be as it is: a gripper closes itself as it is activated.
     How far along its trajectory the arm is, it tells, or it follows at the share of speed that was allowed.
     """
-    asked = measured.copy()
-    joints, opening = measured[0, :-1], measured[0, -1]
+    asked, knows = measured.copy(), []
     trajectory: tuple[Array, Array] | None = None
-    path_s = 0.0
     for place, tick in enumerate(log.ticks):
+        if log.begins_at(place):
+            trajectory, joints, opening, path_s, known = None, None, None, 0.0, not tick.number
         period_s = tick.time_s - log.ticks[place - 1].time_s if place else 0.0
         told_s = tick.observation.arm.path_s
         path_s = path_s + period_s * tick.observation.speed_scale if told_s is None else told_s
@@ -94,8 +123,11 @@ def _asked(log: Log, measured: Array) -> Array:
         if trajectory is not None:
             times_s, points = trajectory
             joints = np.array([np.interp(path_s, times_s, column) for column in points.T])
-        asked[place] = [*joints, opening]
-    return asked
+        asked[place, :-1] = measured[place, :-1] if joints is None else joints
+        asked[place, -1] = measured[place, -1] if opening is None else opening
+        known = known or bool(follow or command.get("stop_arm")) or not tick.observation.arm.moving
+        knows.append(known)
+    return asked, np.array(knows)
 
 
 def image_times_s(log: Log) -> list[float]:

@@ -1,4 +1,4 @@
-"""Logs as a LeRobotDataset v3: an episode for each log, rows at the overhead camera's rate, the images as video.
+"""Logs as a LeRobotDataset v3: an episode for each log, or each stretch of it without a gap, and the images as video.
 
 The format is that of Hugging Face's LeRobot (https://huggingface.co/docs/lerobot/lerobot-dataset-v3). A row has what
 the arm measured and what was commanded then: the joints that the followed trajectory asks for one row later, and the
@@ -17,7 +17,7 @@ import numpy as np
 from bracket_cell.learned.inference.policy import ENVIRONMENT, OF_ENVIRONMENT, of_state
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import Log
-from bracket_cell.log.training.episodes import Episode, image_times_s, rate_hz_of, rows_of
+from bracket_cell.log.training.episodes import Episode, episodes_of, image_times_s, rate_hz_of
 from bracket_cell.packages import needed
 from bracket_ground.errors import InputError, words_of
 from bracket_ground.files.files import whole_or_none
@@ -84,12 +84,11 @@ def write_lerobot(logs: Sequence[Log], folder: Path) -> int:
     rate_hz = rates.pop()
     try:
         with whole_or_none(folder) as partial:
-            episodes, sizes = [], dict[str, tuple[int, int]]()
+            episodes, sizes = list[Episode](), dict[str, tuple[int, int]]()
             cameras = [camera for camera in CAMERAS if filmed and all(Frames(log).times_s(camera) for log in logs)]
-            for number, log in enumerate(logs):
-                episode = rows_of(log, rate_hz)
+            for log, episode in ((each, episode) for each in logs for episode in episodes_of(each, rate_hz)):
                 for camera in cameras:
-                    video = FilmedVideo(partial / "videos" / _video(camera) / _file(number, ".mp4"), rate_hz)
+                    video = FilmedVideo(partial / "videos" / _video(camera) / _file(len(episodes), ".mp4"), rate_hz)
                     sizes[camera] = _write_video(log, camera, episode, video)
                 episodes.append(episode)
             _write_tables(episodes, rate_hz, partial)

@@ -27,6 +27,15 @@ from btxml.views.groot2 import CODES
 STATUSES = {code: status for status, code in CODES.items()}
 
 
+def test_a_row_after_a_gap_repeats_nothing_of_before(assembly_log: Log) -> None:
+    """Another bracket may have begun in it: nobody knows what was believed and shown then."""
+    whole = list(table(assembly_log))
+    place = next(at for at in range(1, len(whole)) if whole[at]["message"] and not assembly_log.ticks[at].display)
+    gap = replace(assembly_log, ticks=(*assembly_log.ticks[: place - 1], *assembly_log.ticks[place:]))
+    assert (whole[place]["message"], list(table(gap))[place - 1]["message"]) == (whole[place - 1]["message"], "")
+    assert list(table(gap))[: place - 1] == whole[: place - 1]
+
+
 def test_csv_has_a_row_for_every_tick(assembly_log: Log, tmp_path: Path) -> None:
     path = tmp_path / "ticks.csv"
     assert export(assembly_log, "csv", path) == len(assembly_log.ticks)

@@ -56,7 +56,8 @@ def mistakes(error: BaseException) -> list[str]:
             told = [(".".join(map(str, one["loc"])), wanted(one["type"], one["msg"])) for one in each]
             return [f"{key}: {what}" if key else what for key, what in told]
         case json.JSONDecodeError():
-            return [f"is no JSON: {error.msg} (character {error.pos})"]
+            rest = error.doc[error.pos :].strip()[:9]
+            return [f"is no JSON from character {error.pos + 1} on, where {repr(rest) if rest else 'nothing'} stands"]
         case UnicodeDecodeError():
             return [f"is not UTF-8 text (byte {error.start})"]
         case KeyError():

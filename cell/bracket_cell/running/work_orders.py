@@ -19,11 +19,18 @@ from bracket_ground.interfaces.operator import WorkOrder
 
 LOOK_S = 1.0  # so often the file is looked at
 NEXT_N = 5  # orders that a tick knows of
-MOST_N, AMOUNT_MOST, ID_MOST, DIGITS = 10_000, 100_000, 60, 9  # a number of more digits is too large anyway
+MOST_N, AMOUNT_MOST, ID_MOST, DIGITS = 10_000, 100_000, 60, 4000  # of a number; Python reads no more
 TOLD_N = 20  # lines that are no orders, of one look: a tick has no time for a file of them
 REST = "mend those before, and write these anew at the end"
-KEYS: dict[str, type] = {"id": str, "variant": str, "amount": int, "due": str, "cancelled": bool}
-WORDS = {str: "text", int: "a whole number", bool: "true or false"}
+DUE = "2026-11-26T14:00"
+KEYS: dict[str, tuple[type, str]] = {
+    "id": (str, 'text, as "A17"'),
+    "variant": (str, "text"),
+    "amount": (int, "a whole number"),
+    "due": (str, f'text, as "{DUE}"'),
+    "cancelled": (bool, "true or false"),
+}
+ORDER = f'a line is an order, as {{"id": "A17", "variant": "%s", "amount": 2, "due": "{DUE}"}}'
 
 
 class WorkOrders:
@@ -89,7 +96,8 @@ class WorkOrders:
         try:
             read = json.loads(text, parse_int=lambda digits: int(digits[:DIGITS]))
         except (ValueError, RecursionError) as error:
-            raise InputError(f"this is no work order: it {mistakes(error)[0]}") from None
+            example = ORDER % next(iter(self._variants), "")
+            raise InputError(f"this is no work order: it {mistakes(error)[0]}; {example}") from None
         try:
             return self._order(read, named)
         except ValueError as error:
@@ -152,8 +160,9 @@ class WorkOrders:
         if unknown := [str(key) for key in read if key not in KEYS]:
             raise ValueError(f"no key {unknown[0]!r}; legal: {', '.join(KEYS)}")
         for key, value in read.items():
-            if type(value) is not KEYS[key]:
-                raise ValueError(f"{key} is {json.dumps(value)}, not {WORDS[KEYS[key]]}")
+            kind, legal = KEYS[key]
+            if type(value) is not kind:
+                raise ValueError(f"{key} is {json.dumps(value)}, not {legal}")
         before = self._orders.get(read.get("id", ""))
         fields = {**({} if before is None else asdict(before)), **read}
         if named and "id" not in read:
@@ -184,4 +193,4 @@ def _time(text: str) -> str:
         time = datetime.fromisoformat(text)
         return (time.astimezone() if time.tzinfo else time).replace(tzinfo=None).isoformat(timespec="minutes")
     except (ValueError, OverflowError):
-        raise ValueError(f"due is {text!r}; write it as 2026-11-26T14:00") from None
+        raise ValueError(f"due is {text!r}; write it as {DUE}") from None

@@ -164,8 +164,8 @@ def _item(kind: Any) -> Any:
 def _json_list(text: str, kind: Any) -> Any:
     try:
         items = json.loads(text.removeprefix(JSON))
-    except ValueError as error:
-        raise LiteralError(f"'{text}' is not JSON: {error}", "like json:[1, 2]") from None
+    except ValueError:
+        raise LiteralError(f"'{text}' is not JSON", "like json:[1, 2]") from None
     if not isinstance(items, list):
         raise LiteralError(f"'{text}' is {a_type(type(items))}, not a list", "like json:[1, 2]")
     return typing.get_origin(kind)([converted(item, _item(kind)) for item in items])

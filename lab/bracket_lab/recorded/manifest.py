@@ -30,7 +30,7 @@ from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.logged_tree import logged_bench, logged_product
 from bracket_cell.log.report.demonstrations import SURE, demonstration_of, finished_bracket
 from bracket_cell.recording.parts import whole_path
-from bracket_ground.errors import InputError, LogError, Place, Problem
+from bracket_ground.errors import InputError, LogError, Place, Problem, mistakes
 from bracket_ground.files.files import MANIFEST, read_text, whole_folder
 from bracket_ground.interfaces.product import Product
 from bracket_lab.recorded.segments import STRIDE_FRAMES, Cropper, bench_views, segments
@@ -106,7 +106,7 @@ def logs_by_hash(folder: Path) -> dict[str, str]:
         logs = json.loads(read_text(path)).get("logs", ())
         return {sha256: file for log in logs for file, sha256 in log["files"].items()}
     except (ValueError, AttributeError, KeyError, TypeError) as error:
-        raise InputError(Problem(Place(path), f"is not a manifest of training data: {error}")) from error
+        raise InputError(Problem(Place(path), f"is not a manifest of training data: {mistakes(error)[0]}")) from error
 
 
 def _same_product(log: Log, product: Product | None) -> Product:

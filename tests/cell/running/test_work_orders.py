@@ -51,7 +51,11 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("{", "Expecting property name"),
+        ("{", "it is no JSON from character 2 on, where nothing stands; a line is an order, as {"),
+        ("id;variant;amount", """it is no JSON from character 1 on, where 'id;varian' stands; a line is an order"""),
+        ('{"variant": "g0"},\r', "it is no JSON from character 18 on, where ',' stands"),
+        ({"variant": "g0", "due": 20261126140000}, 'due is 20261126140000, not text, as "2026-11-26T14:00"'),
+        ({"id": 1234567890123, "variant": "g0"}, 'id is 1234567890123, not text, as "A17"'),
         ([], "keys id, variant, amount, due, cancelled"),
         ({"variant": "g0", "amuont": 2}, "no key 'amuont'; legal: id, variant, amount, due, cancelled"),
         ({"variant": "g0", "amount": True}, "amount is true, not a whole number"),
@@ -61,7 +65,7 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
         ({"amount": 2}, "variant is ''; legal: g0"),
         ({"variant": "g0", "due": None}, "due is null, not text"),
         ("9" * 5000, "it is an object with the keys"),
-        ('{"variant": "g0"', "it is no JSON: Expecting ',' delimiter (character 16)"),
+        ('{"variant": "g0"', "it is no JSON from character 17 on, where nothing stands"),
     ],
 )
 def test_a_line_that_is_no_order_is_told_with_its_place(tmp_path: Path, line: object, what: str) -> None:

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 from bracket_cell.learned.records import EXPORT, DetectedAction, SegmentRow, read_rows
 from bracket_cell.learned.semantic.graph import Bools, Floats, Ints, Layout, action_pairs
 from bracket_cell.learned.semantic.settings import DETECTION_ERROR
-from bracket_ground.errors import InputError, Place, Problem
+from bracket_ground.errors import InputError, Place, Problem, mistakes
 from bracket_ground.files.files import regular, write_whole
 from bracket_ground.files.model import Model
 
@@ -135,7 +135,7 @@ class Confusions:
         try:
             read = ConfusionFile.model_validate(json.loads(regular(path).read_text(encoding="utf-8")))
         except (OSError, ValueError, ValidationError) as error:
-            raise InputError(Problem(Place(path), f"no confusions of actions: {str(error).splitlines()[0]}")) from error
+            raise InputError(Problem(Place(path), f"no confusions of actions: {mistakes(error)[0]}")) from error
         if (read.parts, read.positions) != (layout.parts, layout.positions):
             what = f"learned for parts {', '.join(read.parts)} and positions {', '.join(read.positions)}"
             raise InputError(Problem(Place(path), what, "learn them again: cell train --only noise --recorded DIR"))

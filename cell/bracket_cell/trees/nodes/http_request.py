@@ -7,6 +7,7 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
+from bracket_ground.errors import mistakes
 from btxml.engine.errors import NodeError
 from btxml.engine.literals import JSON
 from btxml.engine.node import SUCCESS
@@ -69,4 +70,4 @@ def _body(text: str) -> str:
     try:
         return body if body == text else json.dumps(json.loads(body))
     except ValueError as error:
-        raise NodeError(f"port body: '{body}' is not JSON: {error}") from None
+        raise NodeError(f"port body: '{body}' {mistakes(error)[0]}") from None

@@ -72,7 +72,8 @@ draws the kinds of this table:
 LOG_TOPICS = f"""# Topics of a log
 
 {MADE} [logs.md](../logs.md) is the guide. A field that is None is
-left out, and messages may hold more than these fields. Further topics:
+left out, and messages may hold more than these fields. A number that is not finite is the text `inf`, `-inf` or `nan`:
+JSON has none. Further topics:
 
 - `/camera/overhead`, `/camera/wrist`: JPEG images. `/depth/overhead`: PNG images of 16 bits, in millimetres, 0 for
   unknown.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ LEAST_JOINTS = 6  # fewer cannot bring a tool to any pose
 MOST_JOINTS = 30  # a humanoid's spine, arm and finger have half of that; more take minutes to look at
 MOST_LINKS = 500  # a humanoid has a third of that
 FINGER_JOINTS = 4  # a branch with more of them is an arm
+JAW = re.compile("jaw|finger|claw|gripper[^/]*/", re.IGNORECASE)  # in JOINT/CHILD; a wrist often carries `gripper`
 TURN_RAD = 2 * math.pi  # a joint without end is used so far each way
 MOST_TURNS = 10  # each way
 MOVES = ("revolute", "continuous", "prismatic")
@@ -199,7 +201,7 @@ def likely_flange(root: ElementTree.Element) -> str:
         below = (deep[_end(other, "child")] for other in carried.get(child, ()))
         deep[child] = max(below, default=0) + (joint.get("type") != "fixed")
     moved = 0
-    while ways := carried.get(link, ()):
+    while ways := [joint for joint in carried.get(link, ()) if deep[_end(joint, "child")] > 1 or not _closes(joint)]:
         moving = [deep[_end(joint, "child")] for joint in ways]
         if moved >= LEAST_JOINTS and sum(count > 0 for count in moving) > 1 and max(moving) <= FINGER_JOINTS:
             break
@@ -208,6 +210,11 @@ def likely_flange(root: ElementTree.Element) -> str:
             break
         moved, link = moved + (onwards.get("type") != "fixed"), _end(onwards, "child")
     return link
+
+
+def _closes(joint: ElementTree.Element) -> bool:
+    """Whether a joint moves a jaw, by its name or what it carries."""
+    return joint.get("type") != "fixed" and bool(JAW.search(f"{joint.get('name')}/{_end(joint, 'child')}"))
 
 
 def _rank(link: str) -> int:

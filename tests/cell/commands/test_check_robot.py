@@ -181,6 +181,20 @@ HELD = (
 )
 
 
+@pytest.mark.parametrize(
+    ("joint", "child"), [("jointGripper", "gripperMover"), ("joint7", "moving_jaw"), ("Claw", "l7")]
+)
+def test_the_jaw_of_a_gripper_is_no_flange(joint: str, child: str, tmp_path: Path) -> None:
+    jaw = (
+        f'<link name="{child}"/><joint name="{joint}" type="revolute"><parent link="gripper"/><child link="{child}"/>'
+        '<limit lower="-1.5" upper="0" velocity="1" effort="1"/></joint>'
+    )
+    text = SEVEN.replace("</robot>", f"{HELD.format('gripper', 'plate', '0 0 0')}{jaw}</robot>")
+    assert likely_flange(element(text, tmp_path)) == "gripper"
+    wrist = text.replace(f'name="{joint}"', 'name="wrist_roll"').replace(f'"{child}"', '"gripper_link"')
+    assert likely_flange(element(wrist, tmp_path)) == "gripper_link"
+
+
 @pytest.mark.parametrize("first", ["ft_frame", "flange"])
 def test_the_flange_is_the_link_whose_name_says_so(first: str, tmp_path: Path) -> None:
     sensor, flange = HELD.format("ft_frame", "plate", "3.1416 0 0"), HELD.format("flange", "plate", "0 -1.5708 0")

@@ -64,6 +64,8 @@ def show(
         raise InputError("name a tree file or a log, or say --running")
     if html is not None and (running is not None or not math.isinf(at_s)):
         raise InputError("--html goes with a tree file or a whole log, without --running and --at")
+    if source is not None and source.suffix in (".yaml", ".yml"):
+        raise InputError(f"{source}: no tree and no log; `cell show product FILE` shows a product")
     of_log = source is not None and source.suffix in LOGS
     if not of_log and not math.isinf(at_s):
         raise InputError("--at goes with a log")

@@ -22,7 +22,7 @@ from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.robot import RobotModel, complete, load_robot
 from bracket_ground.interfaces.urdf import element, likely_flange
 
-URDF, XACRO = ".urdf", ".xacro"
+URDF, XACRO, SRDF = ".urdf", ".xacro", ".srdf"
 SIZE_PX, EDGE_PX = 700, 40
 FROM = np.array([[-0.6, 0.8, 0.0], [-0.4, -0.3, 0.866], [0.69, 0.52, 0.5]])  # right, up and towards who looks
 SOLID = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])  # sides of a box
@@ -32,7 +32,7 @@ def is_robot(file: Path) -> bool:
     """Whether a file describes an arm: a URDF, or YAML that names one."""
     from bracket_ground.files.yaml_file import has_key
 
-    return file.suffix in (URDF, XACRO) or (file.suffix in (".yaml", ".yml") and has_key(file, "urdf"))
+    return file.suffix in (URDF, XACRO, SRDF) or (file.suffix in (".yaml", ".yml") and has_key(file, "urdf"))
 
 
 @dataclass
@@ -68,7 +68,7 @@ class RobotView:
             raise InputError(Problem(Place(self.file), words)) from None
 
     def _robot(self) -> RobotModel:
-        if self.file.suffix not in (URDF, XACRO):
+        if self.file.suffix not in (URDF, XACRO, SRDF):
             return load_robot(self.file.name, self.file.parent)
         flange = likely_flange(element(read_text(self.file), self.file))
         self.remarks.append(f"the flange is taken to be {flange!r}: `flange` of a robot's file names another")

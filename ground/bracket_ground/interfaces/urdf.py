@@ -300,7 +300,7 @@ def _wrong_tree(root: ElementTree.Element) -> Iterator[str]:
     """Whether links and joints are a tree."""
     links = [link.get("name", "") for link in root.findall("link")]
     if not links:
-        yield "has no <link>"
+        yield "has no <link>: a URDF has some, an SRDF has none"
         return
     yield from (f"{_at(item)}a <{item.tag}> has no name" for item in root
                 if item.tag in NAMED and not item.get("name"))  # fmt: skip

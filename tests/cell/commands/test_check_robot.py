@@ -112,6 +112,18 @@ def test_what_is_wrong_with_a_description_is_said(name: str, folder: Path, capsy
     assert not (folder / "checked_a.png").exists()
 
 
+def test_what_names_groups_of_an_arm_is_no_tree(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "a.srdf").write_text("<robot name='a'><group name='arm'/></robot>")
+    assert main(["check", "a.srdf"]) == 2
+    assert "a.srdf: has no <link>: a URDF has some, an SRDF has none" in said(capsys)
+    (folder / "a.yaml").write_text("name: a")
+    assert main(["show", "a.yaml"]) == 2
+    assert "a.yaml: no tree and no log; `cell show product FILE` shows a product" in said(capsys)
+    (folder / "a.xml").write_text("name: a")
+    assert main(["check", "a.xml"]) == 2
+    assert "a.xml:1: this is no tree file: it does not begin with <" in said(capsys)
+
+
 def test_what_is_wrong_has_its_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "a.urdf").write_text(SEVEN.replace("><", ">\n<").replace('upper="3.05"', 'upper="left"'))
     assert main(["check", "a.urdf"]) == 2

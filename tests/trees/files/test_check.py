@@ -73,6 +73,8 @@ REGISTRY = Registry([See, Go, Put, Allow])
 BAD_NODES = [
     ("^<Sequense><AlwaysSuccess/></Sequense>", "there is no node 'Sequense'; did you mean 'Sequence'"),
     ("^<sequence><AlwaysSuccess/></sequence>", "did you mean 'Sequence'"),
+    ("^<SequenceStar><AlwaysSuccess/></SequenceStar>", "no node 'SequenceStar'; did you mean 'SequenceWithMemory'"),
+    ("^<BlackboardCheckInt/>", "there is no node 'BlackboardCheckInt'; use Precondition"),
     ("^<Xyzzy/>", "there is no node 'Xyzzy'; `cell nodes` lists all nodes"),
     ('<Action ^ID="Goo"/>', "there is no node 'Goo'; did you mean 'Go'"),
     ("^<Action/>", "this <Action> has no ID"),
@@ -201,7 +203,7 @@ BAD_NODES = [
 MAIN = '<BehaviorTree ID="Main">{}</BehaviorTree><BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree>'
 GOOD = '<BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
 BAD_FILES = [
-    ("^<tree/>", "the outermost element is <tree>; must be <root>"),
+    ("^<tree/>", "this is no tree file: its outermost element is <tree>; must be <root>"),
     (f'<root ^BTCPP_format="5">{GOOD}</root>', "BTCPP_format is '5'"),
     (f'<root BTCPP_format="4" ^main_tree="Main">{GOOD}</root>', "did you mean 'main_tree_to_execute'"),
     (f'<root BTCPP_format="4" ^main_tree_to_execute="Mian">{GOOD}</root>', "names 'Mian'.*did you mean 'Main'"),

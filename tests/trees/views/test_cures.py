@@ -29,7 +29,7 @@ OPEN = (
     *("which cannot be written", "is not an entry", "which nothing writes", "contains itself", "asynchronous"),
     *("is never ticked", "before anything has written", "takes {p} as Place", "cannot be used", "stands between"),
     *("entities are refused", "is not a port", "needs port", "has 0 nodes", "no path", "there is no node"),
-    *("is an enum name", "cannot be read", "not well-formed"),
+    *("is an enum name", "cannot be read", "not well-formed", "does not begin with <"),
 )
 
 

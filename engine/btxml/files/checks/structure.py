@@ -16,6 +16,7 @@ from btxml.files.checks.guarding import check_guards
 from btxml.files.compile.registry import BUILT_IN, Registry
 from btxml.files.parse.library import PROBLEM_LIMIT, Library, hint, is_near
 from btxml.files.parse.replacing import REPLACES
+from btxml.files.parse.version3 import INSTEAD
 from btxml.files.parse.xml_file import (
     CONDITIONS,
     EXPLICIT,
@@ -119,7 +120,7 @@ class _Checker:
         node = self._registry.classes.get(tag)
         if node is None:
             place = element.place_of("ID") if element.tag in EXPLICIT else element.place
-            legal = hint(tag, [*self._registry.classes, "SubTree"], "`cell nodes` lists all nodes")
+            legal = INSTEAD.get(tag) or hint(tag, [*self._registry.classes, "SubTree"], "`cell nodes` lists all nodes")
             self._report(place, f"there is no node '{tag}'", "; ".join(filter(None, (legal, self._registry.remark))))
             return
         self._children(element, node)

@@ -145,7 +145,9 @@ def _read(library: Library, source: Path | InPython, included_at: Place | None) 
     library.problems += malformed[:PROBLEM_LIMIT]
     library.incomplete = library.incomplete or root.broken
     if root.tag != "root":
-        library.problems.append(Problem(root.place, f"the outermost element is <{root.tag}>", "must be <root>"))
+        library.problems.append(
+            Problem(root.place, f"this is no tree file: its outermost element is <{root.tag}>", "must be <root>")
+        )
         return None
     older = not malformed and root.get("BTCPP_format") != FORMAT
     _check_root(library, root, convert(path, text) if older else Converted())

@@ -16,6 +16,7 @@ from btxml.files.parse.xml_file import CONDITIONS, EXPLICIT, FORMAT, SCRIPTS_AFT
 
 RENAMED = {
     "SequenceStar": "SequenceWithMemory",
+    "FallbackStar": "Fallback",
     "RetryUntilSuccesful": "RetryUntilSuccessful",
     "SubTreePlus": "SubTree",
 }
@@ -30,6 +31,11 @@ CHECKS = tuple(f"BlackboardCheck{kind}" for kind in ("Int", "Double", "String", 
 GONE = {
     "ManualSelector": "ask a person: AskOperator, and a Switch on the answer",
     "BlackboardPrecondition": "use Precondition",
+}
+INSTEAD = {
+    **{name: f"did you mean '{new}'?" for name, new in RENAMED.items()},
+    **dict.fromkeys(CHECKS, "use Precondition"),
+    **GONE,
 }
 RESERVED = (*CONDITIONS, *SCRIPTS_AFTER, "_autoremap")
 _TAG = re.compile(

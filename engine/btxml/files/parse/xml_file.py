@@ -163,6 +163,8 @@ class _Reader:
         if open_one is not None and error.code == errors.codes[errors.XML_ERROR_NO_ELEMENTS]:
             what = f"the file ends, and <{open_one.tag}> of line {open_one.place.line} is not closed"
             return Problem(place, what, f"add </{open_one.tag}>")
+        if not self._data.lstrip().startswith(b"<"):
+            return Problem(Place(self._path, 1), "this is no tree file: it does not begin with <")
         return Problem(place, f"this is not well-formed XML: {expat.ErrorString(error.code)}")
 
     def _start(self, tag: str, pairs: list[str]) -> None:

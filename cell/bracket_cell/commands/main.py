@@ -22,6 +22,7 @@ from btxml.engine.errors import TreeError
 OWN = ("bracket_", "btxml")  # a module of these that is missing is a defect, not an installation
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # of what a command prints to
 INTERRUPTED = 130  # what typer makes of Ctrl-C
+BLANK = re.compile("--[a-z-]+=|(-[a-z]|--[a-z-]+=)?-|")  # would be the working folder, or a file whose name is "-"
 START, PROGRAM, TEST, TRAIN = "Start", "Program", "Test", "Train"
 LAB = "lab"
 COMMANDS: Table = {
@@ -118,8 +119,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
     try:
         words = _typed(arguments)
-        if any(not word or re.fullmatch("--[a-z-]+=", word) for word in words):  # else the working folder
-            raise InputError(f"`cell {shlex.join(words)}` has an empty argument; fill it, or leave it out")
+        if blank := [word for word in words if BLANK.fullmatch(word)]:
+            raise InputError(f"`cell {shlex.join(words)}`: {blank[0]!r} names nothing; name a file, or leave it out")
         if {"run", "serve", "show"} & set(words[:2]):
             words = with_usual(words)
         status = application(words)(args=words, prog_name="cell", standalone_mode=False)

@@ -79,13 +79,23 @@ def test_a_folder_that_is_complete_is_told_in_a_line(folder: Path, capsys: pytes
     assert capsys.readouterr().err == f"cell: {folder}: holds all of these files already; choose another folder\n"
 
 
-@pytest.mark.parametrize("words", [["init", ""], ["schema", ""], ["run", "--log="], ["report", ""]])
-def test_an_empty_argument_is_not_the_working_folder(
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["init", ""],
+        ["schema", ""],
+        ["run", "--log="],
+        ["report", ""],
+        ["show", "a", "--png", "-"],
+        ["log", "export", "a", "-o-"],
+    ],
+)
+def test_an_argument_that_names_nothing_is_neither_the_working_folder_nor_a_file(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
-    assert "has an empty argument" in capsys.readouterr().err
+    assert "names nothing; name a file" in capsys.readouterr().err
     assert not files_of(tmp_path)
 
 

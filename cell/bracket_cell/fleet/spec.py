@@ -33,6 +33,7 @@ from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml, read_data
 from bracket_ground.interfaces.devices import ROLES
+from btxml.files.parse.xml_file import plain_files
 
 MOST_RUNS = 10_000_000
 MOST_SENT_BYTES = 32_000_000
@@ -281,7 +282,7 @@ def _node_files(nodes: Iterable[str]) -> dict[str, Path]:
         path = Path(node)
         if not path.exists() or (path.is_file() and path.suffix != ".py"):
             raise InputError(f"--with {node}: only Python files, and folders with them, are sent to workers")
-        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+        for file in plain_files(path, "*.py") if path.is_dir() else [path]:
             found[f"nodes/{file.name}"] = file
     return found
 

@@ -64,7 +64,8 @@ def why(log: str) -> str:
 
 def logs(folder: str = "runs") -> str:
     """List the logs of a folder, newest last."""
-    return "\n".join(str(path) for path in sorted(Path(folder).glob("*.mcap"), key=lambda log: log.stat().st_mtime))
+    files = [log for log in Path(folder).glob("*.mcap") if log.is_file()]
+    return "\n".join(map(str, sorted(files, key=lambda log: log.stat().st_mtime)))
 
 
 def compare_logs(first: str, second: str) -> str:

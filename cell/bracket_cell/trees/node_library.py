@@ -33,6 +33,7 @@ from btxml.engine.tree import Tree
 from btxml.engine.vocabulary import Words
 from btxml.files import loader
 from btxml.files.compile.registry import Registry
+from btxml.files.parse.xml_file import plain_files
 
 ENTRY_POINTS = "cell.nodes"  # a package names a module of its own there
 ALWAYS = "CELL_NODES"  # names what is wanted in every command; several with : between them
@@ -177,7 +178,7 @@ def _installed() -> Iterator[ModuleType]:
 
 def _remark() -> str:
     """What to say of an unknown node, if the user's own nodes were not loaded."""
-    here = any(USUAL_FOLDER.glob("*.py"))
+    here = bool(plain_files(USUAL_FOLDER, "*.py"))
     way = f"add --with {USUAL_FOLDER}, or nodes: [{USUAL_FOLDER}] to the configuration"
     return f"{USUAL_FOLDER}/ is not loaded: {way}" if here else ""
 
@@ -185,7 +186,7 @@ def _remark() -> str:
 def python_files(name: str) -> list[Path]:
     """The files that a name of nodes stands for; none for a package."""
     if Path(name).is_dir():
-        return sorted(file for file in Path(name).glob("*.py") if file.name != "__init__.py")
+        return [file for file in plain_files(Path(name), "*.py") if file.name != "__init__.py"]
     return [Path(name)] if name.endswith(".py") or Path(name).is_file() else []
 
 

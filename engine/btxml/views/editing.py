@@ -22,7 +22,7 @@ from btxml.engine.status import Status
 from btxml.files.compile.registry import Registry, is_leaf, is_reserved, meaning_of
 from btxml.files.parse.library import Library
 from btxml.files.parse.replacing import REPLACES
-from btxml.files.parse.xml_file import CONDITIONS, EXPLICIT, SCRIPTS_AFTER, Element
+from btxml.files.parse.xml_file import CONDITIONS, EXPLICIT, SCRIPTS_AFTER, Element, plain_files
 from btxml.views.palette import node_text, port_line
 from btxml.views.symbols import FILES_MOST, Symbol, Symbols
 
@@ -246,7 +246,7 @@ def _files(before: str, path: Path) -> Iterator[Offer]:
     """Tree files beside a file and below, or in the folder that is written so far."""
     lead = before.rpartition("/")[0]
     folder = path.parent / lead
-    for file in sorted(folder.rglob("*.xml"))[:FILES_MOST] if folder.is_dir() else ():
+    for file in plain_files(folder, "**/*.xml")[:FILES_MOST] if folder.is_dir() else ():
         if file.resolve() != path.resolve():
             name = f"{lead}/{file.relative_to(folder).as_posix()}" if lead else file.relative_to(folder).as_posix()
             yield Offer(name, "tree")

@@ -22,6 +22,7 @@ from btxml.files.parse.xml_file import (
     autoremaps,
     entry_name,
     node_tag,
+    plain_files,
     read_xml,
 )
 from btxml.views.show import label
@@ -220,7 +221,7 @@ def related(path: Path, folder: Path | None, texts: Mapping[Path, str]) -> dict[
     Args:
         texts: those that are known, which count instead of files, by absolute path.
     """
-    files = {path, *texts, *([] if folder is None else sorted(folder.rglob("*.xml"))[:FILES_MOST])}
+    files = {path, *texts, *([] if folder is None else plain_files(folder, "**/*.xml")[:FILES_MOST])}
     roots: dict[Path, Element] = {}
     for file in {path.resolve() for path in files}:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -149,3 +150,17 @@ def test_the_command_knows_the_configuration_of_its_folder(
     assert "the product has no part type 'o9'" in capsys.readouterr().err
     assert main(["check", "--no-config", str(file)]) == 0
     assert main(["show", "trees/ahead.xml"]) == 0
+
+
+def test_what_is_no_file_beside_a_tree_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An editor's lock is a link to nowhere; a pipe would be waited for."""
+    (tmp_path / "m.xml").write_text(ROOT.format(MAIN.format("<AlwaysSuccess/>") + READS))
+    (tmp_path / ".#m.xml").symlink_to("me@host.1234:56")
+    (tmp_path / "._m.xml").write_bytes(b"\0\5\x16\7")
+    (tmp_path / "folder.xml").mkdir()
+    os.mkfifo(tmp_path / "pipe.xml")
+    (tmp_path / ".#n.py").symlink_to("me@host.1234:56")
+    (tmp_path / "n.py").write_text("")
+    options = ["--no-config", "--with", str(tmp_path)]
+    assert main(["check", str(tmp_path / "m.xml"), *options]) == 1
+    assert "nothing calls BehaviorTree 'S'" in capsys.readouterr().err

@@ -13,7 +13,7 @@ from btxml.files.checks.dataflow import Order
 from btxml.files.compile.builder import Builder, Use
 from btxml.files.compile.registry import Registry
 from btxml.files.parse.library import Library, called
-from btxml.files.parse.xml_file import Element
+from btxml.files.parse.xml_file import Element, plain_files
 
 NAMES_N = 200  # entries among which a name that is alike is looked for
 
@@ -32,7 +32,7 @@ def check_main(library: Library, path: Path, others: Iterable[Library]) -> Itera
             yield Problem(Place(path, 1, 1), what, "set main_tree_to_execute")
         return
     reached = {library.main} | {name for other in (library, *wanted) for name in _reached(other)}
-    beside = [file.read_text("utf-8", "replace") for file in path.parent.glob("*.xml") if file != path]
+    beside = [file.read_text("utf-8", "replace") for file in plain_files(path.parent, "*.xml") if file != path]
     for name, tree in own.items():
         if name not in reached and not any(f'<SubTree ID="{name}"' in text for text in beside):
             yield Problem(

@@ -13,7 +13,7 @@ from btxml.engine.literals import TRUE_WORDS
 from btxml.files.parse.in_python import InPython
 from btxml.files.parse.replacing import REPLACES, original_of, replace_nodes
 from btxml.files.parse.version3 import Converted, convert
-from btxml.files.parse.xml_file import FORMAT, Element, read_xml
+from btxml.files.parse.xml_file import FORMAT, Element, plain_files, read_xml
 
 MOST_WORDS = 12
 CONVERT = "`cell new tree NAME --convert FILE` writes it as a file of version 4"
@@ -104,7 +104,7 @@ def read_library(
 def _files(paths: Iterable[Path]) -> Iterator[Path]:
     """Files, and the tree files below folders by their names."""
     for path in paths:
-        yield from sorted(path.rglob("*.xml")) if path.is_dir() else [path]
+        yield from plain_files(path, "**/*.xml") if path.is_dir() else [path]
 
 
 def bottom_up(library: Library) -> Iterator[Element]:

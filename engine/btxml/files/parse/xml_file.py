@@ -108,6 +108,11 @@ def read_xml(path: Path, opened: str | None = None) -> tuple[str, Element, list[
     return text, reader.read(), reader.problems
 
 
+def plain_files(folder: Path, pattern: str) -> list[Path]:
+    """The files of a folder that match, by name; hidden ones, as editors leave them, and folders are none of them."""
+    return sorted(file for file in folder.glob(pattern) if file.is_file() and not file.name.startswith("."))
+
+
 def _read(path: Path) -> bytes:
     try:
         status = path.stat()

@@ -229,8 +229,12 @@ class DeviceReader:
 
 
 def describe(error: BaseException) -> str:
-    """One line about an error: our own in their words, others with their type; never raises itself."""
+    """One line about an error: our own in their words, others with type and notes; never raises itself."""
     try:
-        return str(error) if isinstance(error, CellError) else f"{type(error).__name__}: {error}"
+        if isinstance(error, CellError):
+            return str(error)
+        if isinstance(error, ExceptionGroup):
+            return "; ".join(map(describe, error.exceptions))
+        return ", ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
     except Exception:  # an exception whose words raise
         return type(error).__name__

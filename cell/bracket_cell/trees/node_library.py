@@ -92,7 +92,7 @@ def node_registry(
             entries={PREFIX + name: value for name, value in Memory().values().items()},
         )
     except ValueError as error:
-        raise InputError(f"{error}; they stand in {', '.join(_places(classes))}") from None
+        raise InputError(str(error)) from None
 
 
 def own_code(tree: Tree, nodes: Sequence[TreeNode] | None = None) -> list[Path]:
@@ -217,8 +217,3 @@ def _file(file: Path) -> ModuleType:
     except (Exception, SystemExit) as error:  # the user's file may raise anything, or end the program
         raise InputError(f"{file} cannot be loaded: {type(error).__name__}: {error}") from error
     return module
-
-
-def _places(classes: list[type[TreeNode]]) -> list[str]:
-    names = [node.__name__ for node in classes]
-    return [f"{node.__module__}.{node.__name__}" for node in classes if names.count(node.__name__) > 1] or ["one class"]

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from bracket_cell.viewing.guidance import guidance_sentences
 from bracket_cell.viewing.instruction import OperatorGuide
-from bracket_cell.watching.observer import Level, Observer, Outcome, TickRecord
+from bracket_cell.watching.observer import TRACEBACK, Level, Observer, Outcome, TickRecord
 from bracket_ground.files.words.catalogue import SOURCE, Catalogue, catalogue
 from bracket_ground.files.words.message import Message, listed
 from bracket_ground.interfaces.command import Display
@@ -75,7 +75,8 @@ class LiveProgress(Observer):
 
     def message(self, time_s: float, level: Level, text: str) -> None:
         shown = self._words(text).splitlines()[-1]
-        self._console.print(_line(time_s, "cell", shown), style=STYLES[level], markup=False)
+        if not text.startswith(TRACEBACK):  # for the log alone; its error was said
+            self._console.print(_line(time_s, "cell", shown), style=STYLES[level], markup=False)
 
     def alarm(self, text: str) -> None:
         """Show a trouble of the cell until another text comes; an empty one takes it away."""

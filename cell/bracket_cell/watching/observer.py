@@ -15,6 +15,7 @@ from btxml.engine.why import Reason
 
 End = Literal["finished", "failed", "timeout", "interrupted", "fault"]
 Level = Literal["info", "warning", "error"]
+TRACEBACK = "Traceback"  # how a message begins that is for the log alone, as its error was said
 EXIT_STATUS: dict[End, int] = {"finished": 0, "failed": 1, "timeout": 1, "interrupted": 1, "fault": 3}
 
 

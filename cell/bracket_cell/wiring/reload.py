@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from bracket_cell.running.controller import TickServices
+from bracket_cell.running.device_reader import describe
 from bracket_cell.trees.nodes.moving import ActivateGripper
 from bracket_cell.trees.nodes.skill_node import SkillNode
 from bracket_cell.watching.observer import Level, Observer
@@ -31,7 +32,7 @@ Stamp = tuple[int, int] | None
 
 
 class CannotBeSetUp(InputError):
-    """A node of an edited tree refused to be set up."""
+    """A node of a tree refused to be set up."""
 
 
 class WatchedTree:
@@ -106,7 +107,7 @@ class WatchedTree:
         try:
             lost = take_over(self.tree, tree, self._services, self._clock)
         except CannotBeSetUp as error:
-            self._say("warning", f"the edited tree cannot be set up, the old one goes on: {error}")
+            self._say("warning", f"the old tree goes on: {error}")
             return
         self.tree = tree
         self._swapped(tree, self._clock.now_s())
@@ -128,6 +129,18 @@ def is_safe_point(tree: Tree, observation: Observation) -> bool:
     return not (busy or observation.arm.moving or observation.gripper.holding)
 
 
+def set_up(tree: Tree | WatchedTree, services: TickServices, clock: Clock) -> None:
+    """Make a tree ready for its first tick.
+
+    Raises:
+        CannotBeSetUp: a node of it.
+    """
+    try:
+        tree.setup(services, clock)
+    except Exception as error:  # `prepare` of a user's own node may raise anything
+        raise CannotBeSetUp(f"the tree cannot be set up: {describe(error)}") from error
+
+
 def take_over(old: Tree, new: Tree, services: TickServices, clock: Clock) -> list[str]:
     """Make the new tree ready, then halt the old one; names of entries that were not carried over.
 
@@ -135,11 +148,11 @@ def take_over(old: Tree, new: Tree, services: TickServices, clock: Clock) -> lis
         CannotBeSetUp: a node of the new tree; the old tree has not been touched.
     """
     try:
-        new.setup(services, clock)
-    except Exception as error:  # `prepare` of a user's own node may raise anything
+        set_up(new, services, clock)
+    except CannotBeSetUp:
         if isinstance(services, OnBlackboard):
             services.stand_on(old.blackboard)
-        raise CannotBeSetUp(f"{type(error).__name__}: {error}") from error
+        raise
     old.halt()
     hand_on_memories(old, new)
     return carry_over(old, new)

@@ -8,7 +8,7 @@ from bracket_cell.running.controller import TickServices
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.trees.nodes.services import Tick
 from bracket_cell.trees.rules import Rule, RuleWatch, Situation
-from bracket_cell.wiring.reload import WatchedTree
+from bracket_cell.wiring.reload import WatchedTree, set_up
 from bracket_cell.wiring.services import TickClock
 from btxml.engine.node import StatusChange
 from btxml.engine.status import Status
@@ -46,7 +46,7 @@ class RuledTree:
     def setup(self, services: TickServices, clock: TickClock) -> None:
         """Set up the tree."""
         self._services = services
-        self._ticked.setup(services, clock)
+        set_up(self._ticked, services, clock)
 
     def tick(self) -> Status:
         """Tick the tree, then ask the rules."""

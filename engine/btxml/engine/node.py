@@ -192,7 +192,7 @@ class TreeNode:
         """
         what_if = vars(self).get("what_if", "") if answer is SUCCESS else self.what_if
         silent = f" without a word: {_first_line(type(self))}" if answer is FAILURE else ""
-        return Decision((), self.feedback_message or f"{VERBS[answer]}{silent}", what_if)
+        return Decision((), str(self.feedback_message) or f"{VERBS[answer]}{silent}", str(what_if))
 
     @final
     def compare(
@@ -259,7 +259,7 @@ class TreeNode:
         old = self.status
         if status is not old:
             self.status = status
-            self.note_change((self, old, status, self.feedback_message))
+            self.note_change((self, old, status, str(self.feedback_message)))
 
     def _run_with(self, conditions: Conditions) -> Status:
         status = conditions.before(self)
@@ -364,7 +364,7 @@ class Node(TreeNode):
 
     def update(self) -> Status:
         """Go on, and say how it stands."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no update")
 
     def terminate(self, new_status: Status) -> None:
         """End, or cancel."""
@@ -381,7 +381,7 @@ class Node(TreeNode):
                 status = self._raised(error)
             if status is RUNNING:
                 if self.feedback_message is not message and self.feedback_message != message:
-                    self.note_change((self, RUNNING, RUNNING, self.feedback_message))
+                    self.note_change((self, RUNNING, RUNNING, str(self.feedback_message)))
                 return RUNNING
             status = self._finish(status)
         else:
@@ -404,7 +404,7 @@ class Node(TreeNode):
         if status is not RUNNING:
             return self._finish(status)
         if self.status is RUNNING and self.feedback_message != message:
-            self.note_change((self, RUNNING, RUNNING, self.feedback_message))
+            self.note_change((self, RUNNING, RUNNING, str(self.feedback_message)))
         return status
 
     @final
@@ -423,6 +423,7 @@ class Node(TreeNode):
             return FAILURE
 
     def _finish(self, answer: Status) -> Status:
+        self.feedback_message = str(self.feedback_message)  # whatever was put there, such as an error
         try:
             self.terminate(SKIPPED if answer is IDLE else answer)
             return self._known(answer, "update")

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from btxml.engine.blackboard import Scope
@@ -99,8 +100,12 @@ class Tree:
             self._runtime.journal, self._runtime.answers = services.journal, services.answers
         if isinstance(services, OnBlackboard):
             services.stand_on(self.blackboard)
-        for node in self.nodes:
-            node.setup(services=services)
+        try:
+            for node in self.nodes:
+                node.setup(services=services)
+        except Exception as error:
+            self._place(error)
+            raise
 
     def tick(self) -> Status:
         """Tick once; Status.INVALID means that everything was skipped.
@@ -115,7 +120,8 @@ class Tree:
             if status is SUCCESS or status is FAILURE:
                 self.root.set_status(IDLE)
             runtime.history.follow(runtime.changes, runtime.ticks)
-        except BaseException:  # a second Ctrl-C in mid-tick, too: nothing may stay RUNNING; it is raised again
+        except BaseException as error:  # a second Ctrl-C in mid-tick, too: nothing may stay RUNNING; it is raised again
+            self._place(error)
             self._halt_all()
             raise
         return status
@@ -143,6 +149,15 @@ class Tree:
         places = self.places[node.uid - 1] if node.uid <= len(self.places) else {}
         place = places.get(attribute) or places.get("")
         return ("", 0) if place is None else (self.short_name(place.file), place.line or 0)
+
+    def _place(self, error: BaseException) -> None:
+        """Note which node raised an error, and the line of its own code."""
+        for frame, line in reversed([*walk_tb(error.__traceback__)]):
+            node, code = frame.f_locals.get("self"), Path(frame.f_code.co_filename)
+            if isinstance(node, TreeNode):
+                own = "" if code.parent == Path(__file__).parent else f", {code.name}:{line}"
+                error.add_note(f"in {node.name} ({':'.join(map(str, self.place_of(node)))}){own}")
+                return
 
     def short_name(self, file: Path) -> str:
         """A file of the tree, as its log names it: from the folder that holds all of them."""
@@ -194,6 +209,7 @@ class Tree:
                 try:
                     node.halt()
                 except Exception as error:  # a leaf of the user's own may raise anything; the others are halted, too
+                    self._place(error)
                     errors.append(error)
         for node in self.nodes:
             node.set_status(IDLE)

@@ -133,8 +133,10 @@ def test_a_fault_of_a_device_is_a_safe_stop() -> None:
 
 def test_any_exception_of_a_node_is_a_safe_stop_and_its_tick_is_recorded() -> None:
     rig = Rig()
-    outcome, tree = rig.run(raising(ZeroDivisionError("division by zero")))
-    assert (outcome.end, outcome.reason) == ("fault", "ZeroDivisionError: division by zero")
+    error = ZeroDivisionError("division by zero")
+    error.add_note("in Leaf (tree.xml:3)")
+    outcome, tree = rig.run(raising(error))
+    assert (outcome.end, outcome.reason) == ("fault", "ZeroDivisionError: division by zero, in Leaf (tree.xml:3)")
     assert "raising" in outcome.detail or "act" in outcome.detail
     assert [record.status for record in rig.observer.records][-2:] == ["ERROR", "STOPPING"]
     assert len(rig.observer.records) == outcome.ticks == 4 + 1

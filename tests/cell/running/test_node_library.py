@@ -38,6 +38,12 @@ class Both(Control):
     def run(self):
         return Status.SUCCESS
 """
+PORT = """
+from btxml import InputPort, Node
+
+class Own(Node):
+    {} = InputPort(int, "a number", default="q")
+"""
 TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Both><Twice><Leaf/></Twice></Both></BehaviorTree></root>"""
 
 
@@ -83,8 +89,10 @@ def test_check_takes_them_from_the_option_and_the_environment_and_runs_nothing_u
         (
             "same.py",
             OWN.replace("Leaf", "PickPart"),
-            "two node classes are named PickPart; they stand in bracket_cell.trees.nodes.moving",
+            r"two node classes are named PickPart, in .*moving\.py and .*same\.py; rename one",
         ),
+        ("port.py", PORT.format("name"), r"port\.py: Own has a port 'name', which is reserved"),
+        ("value.py", PORT.format("n"), r"value\.py: the default of port 'n' of Own: 'q' is not an int; like 42"),
     ],
 )
 def test_what_cannot_be_loaded_is_told(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from bracket_cell.recording.schemas import plain
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.clock import ManualClock
 from btxml.engine.node import SKIPPED, Node
 from btxml.engine.ports import InputPort, OutputPort
@@ -291,3 +293,58 @@ def test_texts_of_all_files_are_kept_for_the_log(load: Load, tmp_path: Path) -> 
 
 
 IN = '<BehaviorTree ID="In"><Steps/></BehaviorTree>'
+
+
+class Careless(Node):
+    """Raises where it is asked to, and tells things that are no texts."""
+
+    where = InputPort(str, "a method, or 'words'")
+
+    def __init__(self, name: str) -> None:
+        if name == "made":
+            raise ZeroDivisionError("made")
+        super().__init__(name)
+
+    def _maybe(self, here: str) -> None:
+        if self.where.get() == here:
+            raise KeyError(here)
+
+    def prepare(self) -> None:
+        self._maybe("prepare")
+
+    def initialise(self) -> None:
+        self._maybe("initialise")
+
+    def update(self) -> Status:
+        self._maybe("update")
+        self.feedback_message = ValueError("an error")  # type: ignore[assignment]
+        self.what_if = b"bytes"  # type: ignore[assignment]
+        return Status.FAILURE
+
+    def terminate(self, new_status: Status) -> None:  # noqa: ARG002
+        self._maybe("terminate")
+
+
+@pytest.mark.parametrize("where", ["prepare", "initialise", "update", "terminate"])
+def test_what_a_leaf_raises_names_the_leaf_and_its_line(load: Load, where: str) -> None:
+    with pytest.raises(KeyError) as raised:
+        load(f'<Inverter><Careless where="{where}"/></Inverter>', Careless).tick()
+    (note,) = raised.value.__notes__
+    assert re.fullmatch(r"in Careless \(\w+\.xml:\d+\), test_nodes\.py:\d+", note)
+
+
+def test_a_leaf_that_cannot_be_made_is_a_mistake_of_its_line(load: Load) -> None:
+    with pytest.raises(
+        InputError, match=r"\.xml:\d+:\d+: Careless cannot be made: ZeroDivisionError: made; its __init"
+    ):
+        load('<Careless name="made" where=""/>', Careless)
+
+
+def test_words_that_are_no_texts_are_told_as_texts(load: Load) -> None:
+    tree = load('<Careless where="words"/>', Careless)
+    assert tree.tick() is Status.FAILURE
+    (change, *_) = (change for change in tree.status_changes if change.feedback)
+    assert json.loads(change.json)["feedback"] == "an error"
+    why = tree.why()
+    assert why is not None
+    assert (why.leaf.words, why.leaf.otherwise) == ("an error", "b'bytes'")

@@ -31,7 +31,7 @@ from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.trees.nodes.files import LoggedFiles
 from bracket_cell.trees.rules import load_rules, rules_beside
-from bracket_cell.wiring.reload import take_over
+from bracket_cell.wiring.reload import set_up, take_over
 from bracket_cell.wiring.ruled import RuleLook
 from bracket_cell.wiring.run_state import go_on_from
 from bracket_cell.wiring.safety import SAFETY, other_limits
@@ -129,7 +129,7 @@ class Replay:
             LoggedAnswers(_notes(log.ticks[place:], "outside")),
         )
         self._clock = TickClock(self._services)
-        self.tree.setup(self._services, self._clock)
+        set_up(self.tree, self._services, self._clock)
         self._hooks = Hooks(self.tree, _nobody)
         self.first = log.ticks[place].number
         self._place = place

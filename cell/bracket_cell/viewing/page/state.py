@@ -14,7 +14,7 @@ from bracket_cell.recording.scene import CellModel
 from bracket_cell.recording.schemas import plain
 from bracket_cell.viewing.instruction import OperatorGuide
 from bracket_cell.viewing.page.scene import marks_of, pose_of
-from bracket_cell.watching.observer import Level, Outcome, TickRecord
+from bracket_cell.watching.observer import TRACEBACK, Level, Outcome, TickRecord
 from bracket_ground.files.words.message import data_of
 from bracket_ground.interfaces.command import Display
 from bracket_ground.interfaces.faults import ACKNOWLEDGE
@@ -95,6 +95,8 @@ class PageState:
 
     def say(self, time_s: float, level: Level, text: str) -> None:
         """The controller says something."""
+        if text.startswith(TRACEBACK):
+            return
         self._lines.append((round(time_s, 2), level, data_of(text) if "\n" not in text else text.splitlines()[-1]))
 
     def end(self, outcome: Outcome) -> None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from btxml.engine.blackboard import UNSET, Entry, Scope
 from btxml.engine.decorators import ScriptConditions, SubTree
-from btxml.engine.errors import Place
+from btxml.engine.errors import Place, Problem, TreeFileError
 from btxml.engine.literals import constant, from_text
 from btxml.engine.node import FAILURE, Control, Decorator, Runtime, TreeNode
 from btxml.engine.ports import Port
@@ -149,7 +149,11 @@ class Builder:
             tag, element = substitute(element, tag, name, path) or (tag, element)
         children = [self._node(child, scope) for child in element.children]
         node_class: Any = self.registry.classes[tag]
-        node: TreeNode = node_class(name, children) if issubclass(node_class, Control | Decorator) else node_class(name)
+        try:
+            node: TreeNode = node_class(name, *[children][: issubclass(node_class, Control | Decorator)])
+        except Exception as error:  # a constructor of the user's own may raise anything
+            what = f"{tag} cannot be made: {type(error).__name__}: {error}"
+            raise TreeFileError(Problem(element.place, what, "its __init__ takes what TreeNode's does")) from error
         for port in self.registry.ports_in(tag, element.attributes).values():
             self._port(node, uid, port, element, scope)
         return node

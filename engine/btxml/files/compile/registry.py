@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
 from typing import Any
 
 from btxml.engine import choices, controls, decorators, leaves, loops, parallel
-from btxml.engine.literals import STATUS_WORDS
+from btxml.engine.blackboard import UNSET
+from btxml.engine.literals import STATUS_WORDS, LiteralError, converted
 from btxml.engine.node import Control, Decorator, TreeNode
-from btxml.engine.ports import Port, named, ports_of
+from btxml.engine.ports import InputPort, Port, named, ports_of
 from btxml.engine.vocabulary import Words
-from btxml.files.parse.xml_file import Element
+from btxml.files.parse.xml_file import Element, entry_name
 
 RESERVED = ("name", "ID")
 
@@ -136,11 +138,18 @@ class Registry:
     def _add(self, node: type[TreeNode]) -> None:
         tag = tag_of(node)
         if tag in self.classes:
-            raise ValueError(f"two node classes are named {tag}")
+            both = " and ".join(_module(kind) for kind in (self.classes[tag], node))
+            raise ValueError(f"two node classes are named {tag}, in {both}; rename one")
         ports = ports_of(node)
-        for name in ports:
+        for name, port in ports.items():
             if is_reserved(name):
-                raise ValueError(f"port name {name} of {tag} is reserved")
+                raise ValueError(f"{_module(node)}: {tag} has a port {name!r}, which is reserved; give it another name")
+            if isinstance(port, InputPort) and port.default is not UNSET and entry_name(port.default, name) is None:
+                try:
+                    converted(port.default, port.kind)
+                except LiteralError as error:
+                    what = f"the default of port {name!r} of {tag}: {error}; {error.legal}"
+                    raise ValueError(f"{_module(node)}: {what}") from None
         self.classes[tag] = node
         self._ports[tag] = ports
         for port in ports.values():
@@ -157,6 +166,11 @@ class Registry:
 def is_reserved(name: str) -> bool:
     """Whether an attribute of this name is never a port."""
     return name in RESERVED or name.startswith("_")
+
+
+def _module(node: type[TreeNode]) -> str:
+    """The file that a class stands in, or its module."""
+    return getattr(sys.modules.get(node.__module__), "__file__", None) or node.__module__
 
 
 def tag_of(node: type[TreeNode]) -> str:

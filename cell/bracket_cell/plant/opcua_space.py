@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
@@ -243,6 +244,12 @@ class CellSpace:
             setattr(event, name, ua.LocalizedText(words[0 if is_so else 1]))
             setattr(event, f"{name}/Id", is_so)
         await generator.trigger(message=ADVICE.get(signal, signal))
+        condition = self._server.get_node(event.NodeId)
+        for name, kind in event.data_types.items():  # for who reads, or comes later
+            with suppress(ua.uaerrors.BadNoMatch):  # the type's optional ones
+                if (value := getattr(event, name)) is not None:
+                    node = await condition.get_child([f"0:{part}" for part in name.split("/")])
+                    await node.write_value(ua.Variant(value, kind))
 
 
 def _argument(name: str, kind: Any) -> Any:

@@ -34,6 +34,7 @@ pytestmark = pytest.mark.filterwarnings("ignore")
 
 HELLO = struct.pack("<4s7I", b"HELF", 32, 0, 65535, 65535, 0, 0, 0)
 SOON_S = 30.0
+READ = ("0:Retain", ["0:ActiveState", "0:Id"], ["0:AckedState", "0:Id"], "0:Severity", "0:ConditionName")
 RUNNING: tuple[Sample, ...] = (("cell_state", {"state": "running"}, 1.0), ("cell_axis_position", {"axis": "1"}, 0.5))
 
 
@@ -198,6 +199,8 @@ def test_an_alarm_comes_is_acknowledged_and_goes(served: tuple[OpcuaServer, Fake
             "Keep away from the arm, and see to its power and network",
         )
         assert [getattr(came, f"{state}/Id") for state in ("ActiveState", "AckedState")] == [True, False]
+        condition = at.get_node(came.NodeId)
+        assert [condition.get_child(path).read_value() for path in READ] == [True, True, False, 700, "arm_lost"]
         acknowledge = ua.NodeId(ua.Int32(ObjectIds.AcknowledgeableConditionType_Acknowledge))
         at.get_node(came.NodeId).call_method(acknowledge, came.EventId, ua.LocalizedText("seen"))
         assert cell.ordered == [{"kind": "acknowledge"}]
@@ -205,6 +208,7 @@ def test_an_alarm_comes_is_acknowledged_and_goes(served: tuple[OpcuaServer, Fake
         cell.numbers = RUNNING
         went = heard.next()
         assert [getattr(went, "ActiveState/Id"), went.Retain] == [False, False]
+        until(condition.get_child(READ[1]), False)
         subscription.delete()
     cell.ordered.clear()
 

@@ -8,7 +8,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
@@ -115,15 +115,21 @@ def _nothing() -> None:
     """Stands for a command that is listed and not called."""
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault."""
+def main(arguments: list[str] | None = None, begins: Callable[[], object] = tuple) -> int:
+    """Run one command; returns the exit status: 0 done, 1 not finished, 2 bad input, 3 safe stop after a fault.
+
+    Args:
+        begins: called when the command is imported.
+    """
     try:
         words = _typed(arguments)
         if blank := [word for word in words if BLANK.fullmatch(word)]:
             raise InputError(f"`cell {shlex.join(words)}`: {blank[0]!r} names nothing; name a file, or leave it out")
         if {"run", "serve", "show"} & set(words[:2]):
             words = with_usual(words)
-        status = application(words)(args=words, prog_name="cell", standalone_mode=False)
+        program = application(words)
+        begins()
+        status = program(args=words, prog_name="cell", standalone_mode=False)
         sys.stdout.flush()
     except (InputError, LogError, ModelError, TreeError) as error:
         return _complain(str(error), BAD_INPUT)
@@ -134,6 +140,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (typer.Abort, KeyboardInterrupt):  # the latter while typer gets ready
         return _interrupted()
     except (AttributeError, ImportError, OSError, RuntimeError) as error:
+        if _of_ctrl_c(error):
+            return _interrupted()
         from bracket_cell.simulator import installed
 
         message = None if (found := installed()) is None else found.missing_library(error)
@@ -166,6 +174,13 @@ def _usage(error: typer.TyperException) -> str:
     path, usage = context.command_path, context.get_usage().partition(": ")[2]
     usage = re.sub(r"\{(.*?)\}(\.\.\.)?", r"\1", usage)
     return f"\n  type: {' '.join(usage.split())}\n  {path} --help explains it"
+
+
+def _of_ctrl_c(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: what it interrupts while it is imported raises its own."""
+    return error is not None and (
+        isinstance(error, KeyboardInterrupt) or _of_ctrl_c(error.__cause__ or error.__context__)
+    )
 
 
 def _interrupted() -> int:

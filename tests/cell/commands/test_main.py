@@ -244,12 +244,36 @@ def test_ctrl_c_before_a_command_has_begun_is_told_without_a_traceback(
     def interrupted(_: list[str]) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bracket_cell.commands.main.application", interrupted)
-    assert main(["nodes"]) == 1
-    assert capsys.readouterr().err == "cell: interrupted\n"
+    def loading(_: list[str]) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error  # as pybind11's modules do
+
+    for begins in (loading, interrupted):
+        monkeypatch.setattr("bracket_cell.commands.main.application", begins)
+        assert main(["nodes"]) == 1
+        assert capsys.readouterr().err == "cell: interrupted\n"
     monkeypatch.setenv(BESIDE, "1")  # the command that runs this one says it
     assert main(["nodes"]) == 1
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("module", ["typer", "bracket_cell.commands.tree_files"])
+def test_ctrl_c_while_modules_are_imported_is_told_without_a_traceback(module: str) -> None:
+    script = f"""
+import os, signal, sys
+class Presses:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Presses())
+from bracket_cell.__main__ import main
+sys.argv = ["cell", "nodes"]
+main()
+"""
+    told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (told.returncode, told.stdout, told.stderr) == (1, "", "cell: interrupted\n")
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,7 +115,9 @@ def test_an_arm_follows_however_heavy_it_is(effort_nm: int, radius_m: float, tmp
     assert max(off) < 0.02
 
 
-def test_an_arm_that_is_too_weak_for_its_own_mass_is_refused(tmp_path: Path) -> None:
-    file = robot_file(tmp_path, "one_sided", "torque_nm: [1, 200, 200, 200, 200, 200]\n")
-    with pytest.raises(SettingError, match=r"robot: too weak .*: ax0 has 1 N m and needs .* torque_nm, or less"):
+@pytest.mark.parametrize(("name", "unit"), [("one_sided", "N m"), ("on_axis", "N")])
+def test_an_arm_that_is_too_weak_for_its_own_mass_is_refused(name: str, unit: str, tmp_path: Path) -> None:
+    torques = [1, *[200] * 5, *[200] * (name == "on_axis")]
+    file = robot_file(tmp_path, name, f"torque_nm: {torques}\n")
+    with pytest.raises(SettingError, match=rf"robot: too weak .*: ax0 has 1 {unit} and needs .* torque_nm, or less"):
         arm_spec(load_robot(file.name, tmp_path))

@@ -79,5 +79,5 @@ def test_a_limit_of_momentum_needs_masses(tmp_path: Path) -> None:
     robot_file(tmp_path, "seven")  # a drawing without any
     robot = load_robot("seven.yaml", tmp_path)
     limits = SafetyLimits(normal=MotionLimits(momentum_kg_m_s=10.0))
-    with pytest.raises(ValueError, match="momentum_kg_m_s, and the URDF has no masses"):
-        complete(robot.model_copy(update={"safety": limits}))
+    with pytest.raises(ValueError, match=r"^seven\.yaml: safety: momentum_kg_m_s, and the URDF has no masses"):
+        complete(robot.model_copy(update={"safety": limits}), "seven.yaml")

@@ -51,11 +51,11 @@ def measured(devices: Devices, motion: MotionPlanner, tell: Callable[[str], None
     """
     home, share = np.array(devices.arm.state().positions_rad), motion.settings.speed_share
     found = []
-    for number, name in enumerate(motion.settings.robot.joints):
+    for number, (name, unit) in enumerate(zip(motion.settings.robot.joints, motion.settings.robot.units, strict=True)):
         stop = _stop(devices, _way(motion, home, number), number, share)
         tell(
-            f"{name}: reacts in {1e3 * stop[0]:.0f} ms, stands after {1e3 * stop[1]:.0f} ms and {stop[2]:.3f} rad, "
-            f"brakes with {stop[3]:.1f} rad/s2"
+            f"{name}: reacts in {1e3 * stop[0]:.0f} ms, stands after {1e3 * stop[1]:.0f} ms and {stop[2]:.3f} {unit}, "
+            f"brakes with {stop[3]:.1f} {unit}/s2"
         )
         found.append([round(value, DIGITS) for value in stop])
         move_to(devices, motion, home, min(share, SHARE))

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo
 
 from bracket_ground.files.files import read_text, shipped
 from bracket_ground.files.model import Model
@@ -151,6 +151,7 @@ class RobotModel(Model):
     servos: Servos | None = None
     safety: SafetyLimits = Field(default_factory=SafetyLimits)
     gripper: NamedGripper = Field(default_factory=default_gripper, json_schema_extra={"default": GRIPPER})
+    _version: tuple[int, ...] = PrivateAttr(())  # of the URDF's file as it was loaded; edited, it is another arm's
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -161,6 +162,11 @@ class RobotModel(Model):
     def joints(self) -> tuple[str, ...]:
         """What messages and logs call the joints."""
         return tuple(name.removesuffix("_joint") for name in self.joint_names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the joints: rad, or m of a linear axis."""
+        return _units(self.urdf_text)
 
     @property
     def limits_rad(self) -> Array:
@@ -203,7 +209,7 @@ class RobotModel(Model):
 
     @property
     def _drawn(self) -> Drawn:
-        return drawn(self.urdf, self.flange, tuple(self.origins_m.items()), self.calibration, self.mount)
+        return drawn(self.urdf, self.flange, tuple(self.origins_m.items()), self.calibration, self.mount, self._version)
 
 
 def load_robot(name: str, folder: Path = Path()) -> RobotModel:
@@ -222,47 +228,53 @@ def load_robot(name: str, folder: Path = Path()) -> RobotModel:
     robot = load_yaml(path, RobotModel)
     if not robot.urdf.startswith(PACKAGE):
         robot = robot.model_copy(update={"urdf": str(path.parent / robot.urdf)})
-    return complete(robot)
+    return complete(robot, str(path))
 
 
-def complete(robot: RobotModel) -> RobotModel:
+def complete(robot: RobotModel, file: str = "") -> RobotModel:
     """The same with speeds, accelerations and jerks of each joint.
+
+    Args:
+        file: the robot's own, for messages.
 
     Raises:
         ValueError: with all that is wrong with it, as the program cannot move it.
     """
+    if (path := _file(robot.urdf)).is_file():
+        found = path.stat()
+        robot._version = found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
     speeds = robot.speed_rad_s or _of_limits(robot.urdf_text, "velocity")
     accelerations = robot.acceleration_rad_s2 or tuple(speed / SPEEDS_UP_S for speed in speeds)
     jerks = robot.jerk_rad_s3 or tuple(acceleration / JERKS_S for acceleration in accelerations)
-    if wrong := [*_wrong_limits(robot, speeds), *_wrong_counts(robot)]:
-        raise ValueError(f"{robot.urdf}: {'; '.join(wrong)}")
+    if wrong := [*_wrong(robot, speeds)]:
+        told = {whose: "; ".join(what for own, what in wrong if own is whose) for whose, _ in wrong}
+        raise ValueError("; ".join(f"{(whose and file) or robot.urdf}: {what}" for whose, what in told.items()))
     values = {"speed_rad_s": speeds, "acceleration_rad_s2": accelerations, "jerk_rad_s3": jerks}
-    return RobotModel.model_construct(robot.model_fields_set, **{**dict(robot), **values})
+    made = RobotModel.model_construct(robot.model_fields_set, **{**dict(robot), **values})
+    made._version = robot._version
+    return made
 
 
-def _wrong_limits(robot: RobotModel, speeds: Sequence[float]) -> Iterator[str]:
-    if robot.range_rad is not None and len(robot.range_rad) != len(robot.joints):
-        return
-    least, most = robot.limits_rad
-    for joint, low, high in zip(robot.joints, least, most, strict=True):
-        if not low < high:
-            yield f"{joint}: no value is within its limits, {low:g} to {high:g} rad"
-    if not robot.moving_kg and any(limits.momentum_kg_m_s for _, limits in robot.safety):
-        yield "safety: momentum_kg_m_s, and the URDF has no masses to work it out by"
-    if still := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if not speed > 0]:
-        yield f"{', '.join(still)}: no speed, neither as velocity in the URDF nor as speed_rad_s in the robot's file"
-    if fast := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if speed > MOST_SPEED]:
-        yield f"{', '.join(fast)}: faster than any arm, must be at most {MOST_SPEED:g} rad/s"
-
-
-def _wrong_counts(robot: RobotModel) -> Iterator[str]:
+def _wrong(robot: RobotModel, speeds: Sequence[float]) -> Iterator[tuple[bool, str]]:
+    """What keeps the program from moving the arm, and whether the robot's own file says it, not the URDF."""
     count = len(robot.joints)
     limits = {f"safety.{mode}.joint_rad_s": of.joint_rad_s for mode, of in robot.safety}
     rows = ("range_rad", "speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "home_rad")
     given = {**{name: getattr(robot, name) for name in rows}, **dict(robot.servos or ()), **limits}
     for name, values in given.items():
         if values and len(values) != count:
-            yield f"{name} has {len(values)} values, the arm has {count} joints: {', '.join(robot.joints)}"
+            yield True, f"{name} has {len(values)} values, the arm has {count} joints: {', '.join(robot.joints)}"
+    if robot.range_rad is not None and len(robot.range_rad) != count:
+        return
+    for joint, low, high, unit in zip(robot.joints, *robot.limits_rad, robot.units, strict=True):
+        if not low < high:
+            yield robot.range_rad is not None, f"{joint}: no value is within its limits, {low:g} to {high:g} {unit}"
+    if not robot.moving_kg and any(limits.momentum_kg_m_s for _, limits in robot.safety):
+        yield True, "safety: momentum_kg_m_s, and the URDF has no masses to work it out by"
+    if still := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if not speed > 0]:
+        yield False, f"{', '.join(still)}: no speed, neither as velocity here nor as speed_rad_s in the robot's file"
+    if fast := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if speed > MOST_SPEED]:
+        yield bool(robot.speed_rad_s), f"{', '.join(fast)}: faster than any arm, must be at most {MOST_SPEED:g} rad/s"
 
 
 def shipped_robots() -> list[str]:
@@ -308,14 +320,15 @@ def drawn(
     origins_m: tuple[tuple[str, Point], ...] = (),
     calibration: Calibration | None = None,
     mount: Mount | None = None,
+    _version: tuple[int, ...] = (),
 ) -> Drawn:
-    """The URDF of an arm; see `RobotModel`.
+    """The URDF of an arm; see `RobotModel`. A file that was edited is read again.
 
     Raises:
         ValueError: with what is wrong with it.
         InputError: it cannot be read.
     """
-    path = FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
+    path = _file(urdf)
     text = _moved(read_text(path), dict(origins_m))
     root, still = parsed(text, path, flange)
     remarks = [f"{', '.join(still)}: held at 0, as nothing moves them"] * bool(still)
@@ -323,6 +336,10 @@ def drawn(
     text = finished(root, flange)
     text = text if calibration is None else _calibrated(text, calibration)
     return Drawn(text if mount is None else _mounted(text, mount), (*remarks, *taken), unshaped)
+
+
+def _file(urdf: str) -> Path:
+    return FOLDER / urdf.removeprefix(PACKAGE) if urdf.startswith(PACKAGE) else Path(urdf).resolve()
 
 
 def _mounted(text: str, mount: Mount) -> str:
@@ -390,6 +407,12 @@ def _calibrated(text: str, calibration: Calibration) -> str:
 @cache
 def _joints(urdf_text: str) -> tuple[str, ...]:
     return tuple(joint.get("name", "") for joint in turning_joints(ElementTree.fromstring(urdf_text)))
+
+
+@cache
+def _units(urdf_text: str) -> tuple[str, ...]:
+    kinds = [joint.get("type") for joint in turning_joints(ElementTree.fromstring(urdf_text))]
+    return tuple("m" if kind == "prismatic" else "rad" for kind in kinds)
 
 
 @cache

@@ -51,8 +51,9 @@ def _named_apart(text: str) -> str:
 
 def _drive_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     torques_nm, needed_nm = np.array(robot.torques_nm), _speeding_up_nm(spec, robot)
-    rows = zip(robot.joints, torques_nm, needed_nm, strict=True)
-    if weak := [f"{joint} has {has:g} N m and needs {needs:.2g}" for joint, has, needs in rows if 0 < has < needs]:
+    units = ({"rad": "N m", "m": "N"}[unit] for unit in robot.units)
+    rows = zip(robot.joints, torques_nm, needed_nm, units, strict=True)
+    if weak := [f"{joint} has {has:g} {of} and needs {needs:.2g}" for joint, has, needs, of in rows if 0 < has < needs]:
         what = f"too weak to speed up so soon: {', '.join(weak)}: more torque_nm, or less acceleration_rad_s2"
         raise SettingError((("robot",), what))
     torques_nm = np.where(torques_nm > 0, torques_nm, np.maximum(USUAL_TORQUE_NM, TORQUE_SHARE * needed_nm))

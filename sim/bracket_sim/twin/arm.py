@@ -197,7 +197,7 @@ class TwinArm:
         elif self._late_periods >= TRACKING_PERIODS:
             self.held_back = f"a joint is {apart:.3f} rad from its set point"
         elif self._fast_periods >= TRACKING_PERIODS:
-            self.held_back = f"{robot.joint_names[joint]} turns at {fast:.2f} rad/s, limit {most:.2f} rad/s"
+            self.held_back = f"{robot.joint_names[joint]} moves at {fast:.2f} {robot.units[joint]}/s, limit {most:.2f}"
 
     def _over(self) -> str:
         """Which general limit is broken, in words; empty for none."""

@@ -35,6 +35,26 @@ def test_limits_come_from_the_urdf_where_none_are_given(tmp_path: Path) -> None:
     assert robot(tmp_path, one_sided).limits_rad[:, 2].tolist() == [-3.9, 1.5]
 
 
+def test_what_is_wrong_is_told_of_the_file_that_says_it(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^[^:]*/arm.yaml: shoulder_pan: no value is within its limits, 3 to 2 rad$"):
+        robot(tmp_path, range_rad="[[3.0, 2.0], 3.0, 3.0, 6.0, 6.0, 6.0]")
+    with pytest.raises(ValueError, match=r"^[^:]*/arm.urdf: elbow: no value is within its limits, 4 to 3.1"):
+        robot(tmp_path, URDF.replace('lower="-3.14159265359"', 'lower="4"', 1))
+
+
+def test_an_edited_urdf_is_read_again_and_an_arm_that_was_loaded_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other").mkdir()
+    lower = 'lower="-3.14159265359" upper="3.14159265359"'
+    before, after = robot(Path()), robot(Path(), URDF.replace(lower, 'lower="-1" upper="1"'))
+    assert (before.limits_rad[1, 2], after.limits_rad[1, 2]) == (pytest.approx(np.pi), 1.0)
+    robot(tmp_path / "other")
+    monkeypatch.chdir(tmp_path / "other")
+    assert load_robot("arm.yaml").limits_rad[1, 2] == pytest.approx(np.pi)
+
+
 def test_narrower_limits_of_the_file_count_for_each_side(tmp_path: Path) -> None:
     limits = robot(tmp_path, range_rad="[[-1.0, 2.0], 3.0, [-9, 1.5], 6.0, 6.0, 6.0]").limits_rad
     assert limits[:, 0].tolist() == [-1.0, 2.0]

@@ -71,7 +71,7 @@ def test_the_slider_is_no_jump(world: World) -> None:
         (MotionLimits(tool_m_s=0.25), "the tool moves at 0."),
         (MotionLimits(elbow_m_s=0.1), "the elbow moves at 0."),
         (MotionLimits(momentum_kg_m_s=3.0), "the arm's momentum is "),
-        (MotionLimits(joint_rad_s=(0.4, 2, 2, 2, 2, 2)), "shoulder_pan_joint turns at 0."),
+        (MotionLimits(joint_rad_s=(0.4, 2, 2, 2, 2, 2)), "shoulder_pan_joint moves at 0."),
     ],
 )
 def test_a_general_limit_stops_the_arm(world: World, limits: MotionLimits, said: str) -> None:

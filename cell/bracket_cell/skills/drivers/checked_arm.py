@@ -72,8 +72,8 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
     if not jump.max() <= START_TOLERANCE_RAD:
         raise DeviceFault(
             "arm",
-            f"trajectory starts {jump.max():.3f} rad from where {joints[int(jump.argmax())]} is, "
-            f"limit {START_TOLERANCE_RAD} rad",
+            f"trajectory starts {jump.max():.3f} {robot.units[int(jump.argmax())]} from where "
+            f"{joints[int(jump.argmax())]} is, limit {START_TOLERANCE_RAD}",
         )
     least, most = robot.limits_rad
     noise = np.clip(positions[0], least - START_TOLERANCE_RAD, most + START_TOLERANCE_RAD)  # beyond which it may stand
@@ -81,7 +81,8 @@ def refuse_bad(trajectory: JointTrajectory, state: ArmState, robot: RobotModel) 
     if not (inside := (robot.within(positions) | back).all(axis=0)).all():
         joint = int(inside.argmin())
         least, most = robot.limits_rad[:, joint]
-        raise DeviceFault("arm", f"trajectory leaves the range of {joints[joint]}, {least:.3f} to {most:.3f} rad")
+        span = f"{least:.3f} to {most:.3f} {robot.units[joint]}"
+        raise DeviceFault("arm", f"trajectory leaves the range of {joints[joint]}, {span}")
     if trajectory.times_s[0] != 0:
         raise DeviceFault("arm", f"trajectory begins at {trajectory.times_s[0]:g} s, must begin at 0")
     _refuse_fast(trajectory, robot)
@@ -101,8 +102,8 @@ def _refuse_fast(trajectory: JointTrajectory, robot: RobotModel) -> None:
         joint = int(excess.argmax())
         raise DeviceFault(
             "arm",
-            f"trajectory moves {robot.joints[joint]} at {speeds[joint]:.2f} rad/s, "
-            f"limit {limits_rad_s[joint]:.2f} rad/s",
+            f"trajectory moves {robot.joints[joint]} at {speeds[joint]:.2f} {robot.units[joint]}/s, "
+            f"limit {limits_rad_s[joint]:.2f} {robot.units[joint]}/s",
         )
     rest = np.zeros((1, len(limits_rad_s)))
     changes_s = np.minimum(
@@ -114,6 +115,6 @@ def _refuse_fast(trajectory: JointTrajectory, robot: RobotModel) -> None:
         where = {0: "at its beginning", len(steps_s): "at its end"}.get(sample, f"at {trajectory.times_s[sample]:g} s")
         raise DeviceFault(
             "arm",
-            f"trajectory changes the speed of {robot.joints[joint]} by {changes[sample, joint]:.2f} rad/s2 {where}, "
-            f"limit {limits_rad_s2[joint]:.2f} rad/s2",
+            f"trajectory changes the speed of {robot.joints[joint]} by {changes[sample, joint]:.2f} "
+            f"{robot.units[joint]}/s2 {where}, limit {limits_rad_s2[joint]:.2f} {robot.units[joint]}/s2",
         )

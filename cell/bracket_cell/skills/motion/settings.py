@@ -145,7 +145,7 @@ class Stopping(Model):
             return [f"motion.stopping.{name} has not {len(joints)} numbers, one a joint: teach it" for name in short]
         rows = zip(joints, self.brakes_rad_s2, accelerations_rad_s2, strict=True)
         return [
-            f"motion.stopping: {joint} brakes with {brakes:g} rad/s2, less than {LEAST_BRAKING:g} of the robot file's "
+            f"motion.stopping: {joint} brakes with {brakes:g}, less than {LEAST_BRAKING:g} of the robot file's "
             f"acceleration_rad_s2 {limit:g}: lower it there"
             for joint, brakes, limit in rows
             if not brakes >= LEAST_BRAKING * limit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Set
 
 import numpy as np
@@ -28,6 +29,7 @@ from btxml.engine.node import TreeNode
 from btxml.engine.ports import Input
 from btxml.engine.tree import Tree
 
+UNSEEN = "nobody sees what is in there"
 Wrong = tuple[Location, str]  # where in the configuration, and what
 
 
@@ -52,21 +54,28 @@ def _unseen(bench: Bench, product: Product) -> Iterator[Wrong]:
     """Holes outside of the overhead image, or behind an obstacle."""
     view = View(bench.overhead.model, bench.overhead.mount.pose)
     covered = obstacle_mask(view, bench)
+    outside, behind = list[str](), list[str]()
     for name in product.bracket.holes_m:
         column, row = np.rint(view.pixels(np.array([hole_pose(product, bench, name).position_m]))[0]).astype(int)
         if not (0 <= row < covered.shape[0] and 0 <= column < covered.shape[1]):
-            what = f"{name} is outside the image of the overhead camera: nobody sees what is in that hole"
-            yield ("bench", "overhead"), what
+            outside.append(name)
         elif covered[row, column]:
-            what = f"an obstacle stands between the overhead camera and {name}: nobody sees what is in that hole"
-            yield ("bench", "obstacles"), what
+            behind.append(name)
+    if outside:
+        yield ("bench", "overhead"), f"the image of the overhead camera ends before {', '.join(outside)}: {UNSEEN}"
+    if behind:
+        what = f"an obstacle stands between the overhead camera and {', '.join(behind)}: {UNSEEN}"
+        yield ("bench", "obstacles"), what
 
 
 def _beyond(motion: MotionPlanner, product: Product, held: Set[str]) -> Iterator[Wrong]:
     """Holes into which the arm can never put a part that it holds and that a goal takes there."""
+    holes = defaultdict[str, list[str]](list)
     for name in product.bracket.holes_m:
         if never := [part for part in sorted(product.types_at(name) & held) if not can_place(motion, part, name)]:
-            yield ("robot",), f"the arm cannot put {', '.join(never)} into {name}: the person places it"
+            holes[", ".join(never)].append(name)
+    for parts, names in holes.items():
+        yield ("robot",), f"the arm cannot put {parts} into {', '.join(names)}: the person places it"
 
 
 def _unheld(configuration: Configuration, product: Product) -> dict[str, Wrong]:

@@ -50,9 +50,14 @@ def test_a_hole_that_nobody_sees_or_reaches_is_told(tmp_path: Path, capsys: pyte
     path.write_text(re.sub(r"product: .*", "product: wide.yaml", path.read_text()))
     main(["check", TREE, "--config", str(path)])
     told = capsys.readouterr().err
-    assert "p6 is outside the image of the overhead camera: nobody sees what is in that hole" in told
+    assert "the image of the overhead camera ends before p6: nobody sees what is in there" in told
     assert "the arm cannot put o1, o2, o3 into p6: the person places it" in told
     assert "into p5" not in told
+    path.write_text(path.read_text().replace("position_m: [0.72, 0.14, 0.036]", "position_m: [2.2, 0.14, 0.036]"))
+    main(["check", TREE, "--config", str(path)])
+    told = capsys.readouterr().err
+    assert "ends before p1, p2, p3, p4, p5, p6: nobody sees what is in there" in told
+    assert told.count("the arm cannot put") == 2, "holes that are beyond the arm for the same parts are told together"
 
 
 def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

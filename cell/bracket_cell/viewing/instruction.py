@@ -92,7 +92,7 @@ class OperatorGuide:
         self._ended: Outcome | None = None
         self._near_since_s = math.inf
         self._put = False  # the robot let go of what it places, and has not seen it there yet
-        self._loose = ""  # where the person placed a part whose screw was not turned since
+        self._loose = ""  # where the person placed a part whose screw was not turned since; of no product of fastenings
         self._told, self._told_s = Instruction("beginning", "Wait: the cell begins"), float("-inf")
         self._placements = Placements()
         self.next: tuple[str, str] | None = None
@@ -205,7 +205,7 @@ class OperatorGuide:
             part, position = fields["edge"]
             if part is None:
                 return
-            if new and self._placements.by[position] == PERSON:
+            if new and self._placements.by[position] == PERSON and not self.product.fastenings:
                 self._loose = position
             if self.next is not None and self.next[1] == position:
                 self.next, self._put = None, False

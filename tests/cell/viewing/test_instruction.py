@@ -90,6 +90,24 @@ def test_a_sub_assembly_is_built_and_then_brought(at_nest: str | None) -> None:
     assert ("Build the pump (pump) at nest of body (body) and cap (cap)" in sentences) == (not brought)
 
 
+@pytest.mark.parametrize(("fastened", "words"), [(True, "Now screw M8 at p1"), (False, "Turn the screw of p4")])
+def test_a_screw_is_asked_for_where_the_product_has_one(fastened: bool, words: str) -> None:
+    """Also of p1, whose fastening is done, a product that lists fastenings has no other screw."""
+    product = load_yaml(ROOT / "config" / "examples" / "fastened" / "product.yaml", Product) if fastened else PRODUCT
+    guide = OperatorGuide(product, lambda: load_tree(ROOT / "trees" / "ahead.xml", node_registry(product)))
+    display = Display(goal_belief={"g0": 1.0}, guidance={"o3": ("p6",)})
+
+    def told(number: int, *notes: object) -> str:
+        view = BenchView(number, float(number), None, EMPTY_HOLES, Action("idle", 1.0))
+        seen = Observation(number, float(number), STANDING, EMPTY_GRIPPER, bench=view)
+        guide.take(TickRecord(seen, "RUNNING", (), notes, Command(display=display), SentCommand(), 0.001, False))  # type: ignore[arg-type]
+        return str(guide.now().words)
+
+    placed = [("belief", {"edge": [part, at], "source": "seen hole"}) for part, at in (("o1", "p1"), ("o2", "p4"))]
+    assert told(0, *placed) == words
+    assert ("screw" in told(1, ("belief", {"fastened": ("s1",)}))) == (not fastened)
+
+
 @pytest.mark.parametrize("likeliest", [*PRODUCT.goals, UNKNOWN_GOAL])
 def test_there_is_always_a_sentence(likeliest: str) -> None:
     """Also where what was placed fits no product, and while nobody has anything to do."""

@@ -69,6 +69,11 @@ def mistakes(error: BaseException) -> list[str]:
     return [str(error)]
 
 
+def counted(count: int, noun: str) -> str:
+    """Like "1 tick" and "2 ticks"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def wanted(kind: str, words: str) -> str:
     """What a value should be, by pydantic's name of the error and its words."""
     return f"{SHOULD}{KINDS[kind]}" if kind in KINDS else words.removeprefix("Value error, ")

@@ -45,7 +45,7 @@ from bracket_cell.skills.drivers.settings import Ros2ArmSettings
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.devices import joints_by_hand, opened_alone, own_calibration
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, counted
 from bracket_ground.files.files import read_text, whole_or_none
 from bracket_ground.files.model import Location
 from bracket_ground.files.yaml_file import has_key, load_yaml, read_data, write_values
@@ -285,7 +285,7 @@ def _teach_obstacles(configuration: Configuration, config: Path) -> int:
     rows = [obstacle.model_dump(mode="json", exclude_defaults=True) for obstacle in every]
     write_values(config, {("bench", OBSTACLES): rows})
     load_configuration(config)
-    console().print(f"{config}: {len(found)} obstacles of the planning scene; `cell doctor` looks at them")
+    console().print(f"{config}: {counted(len(found), 'obstacle')} of the planning scene; `cell doctor` looks at them")
     return 1 if left_out else 0
 
 

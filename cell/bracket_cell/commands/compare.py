@@ -23,7 +23,7 @@ from bracket_cell.commands.options import (
 )
 from bracket_cell.commands.terminal import console, print_json
 from bracket_cell.runs.options import GOAL_HELP, PERSON_HELP
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, counted
 
 if TYPE_CHECKING:
     from bracket_cell.fleet.compare import Finding, Row
@@ -224,5 +224,5 @@ def run_all(tasks: Iterable[Task], total: int, out: str, workers: int, scheduler
                 done = [key for key in wanted if key in store]
                 write_table(store.rows_of(done), folder / "runs.parquet")
         for why in lost[:1]:
-            console().print(f"{len(lost)} runs are not there; the first: {why}", highlight=False)
+            console().print(f"{counted(len(lost), 'run')} lost; the first: {why}", highlight=False)
         yield Rows(folder, len(done))

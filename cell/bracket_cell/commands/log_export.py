@@ -14,7 +14,7 @@ from bracket_cell.commands.log_terminal import LogArgument, beside, read, say, s
 from bracket_cell.commands.options import OUT_HELP, JsonOption, OverwriteOption
 from bracket_cell.commands.terminal import Command, console, table
 from bracket_cell.packages import LABORATORY
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, counted
 
 LOSSY = 3
 
@@ -62,14 +62,14 @@ def export_log(
         _require_each_once(log)
         folder = out or beside(log, ".lerobot")
         rows = write_lerobot([read([path]) for path in log], folder)
-        _tell_export(folder, "rows", rows, as_json)
+        _tell_export(folder, "row", rows, as_json)
         return 0
     tables = {"transitions": ".transitions.parquet", "notes": ".notes.parquet"}
     ending = {"video": ".mp4", "candump": ".can.log", **tables}.get(to, f".{to}")
     target = spared(out or beside(log, ending), log, overwrite)
     count = export(read(log), to.value, target)
-    words = {"btlog": "transitions", "video": "frames", "candump": "frames", "rosbag2": "messages"}
-    _tell_export(target, words.get(to, "rows"), count, as_json)
+    nouns = {"btlog": "transition", "video": "frame", "candump": "frame", "rosbag2": "message"}
+    _tell_export(target, nouns.get(to, "row"), count, as_json)
     return 0
 
 
@@ -125,6 +125,6 @@ def _require_each_once(logs: Sequence[Path]) -> None:
 
 def _tell_export(target: Path, what: str, count: int, as_json: bool) -> None:
     if as_json:
-        tell_json({"file": str(target), what: count})
+        tell_json({"file": str(target), f"{what}s": count})
     else:
-        say(f"{target}: {count} {what}")
+        say(f"{target}: {counted(count, what)}")

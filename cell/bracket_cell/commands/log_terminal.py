@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bracket_cell.commands.terminal import complain, printable
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, counted
 
 if TYPE_CHECKING:
     from bracket_cell.log.read.reader import Log, LogStream
@@ -173,7 +173,7 @@ def tell_comparison(
     elif comparison.agrees:
         but = f" but for rounding in {comparison.rounded_ticks}, as on another processor" * (not comparison.identical)
         only = "" if whole else f", but only {comparison.ticks} of {ticks_of_run} could be compared"
-        say(f"identical{but}: {comparison.ticks} ticks{only}")
+        say(f"identical{but}: {counted(comparison.ticks, 'tick')}{only}")
     else:
         _tell_differences(comparison, names, changed, causes)
     return 0 if comparison.agrees and whole and not altered else DIFFERS

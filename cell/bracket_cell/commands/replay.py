@@ -32,7 +32,7 @@ from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.log.report.replay_page import write_replay
 from bracket_cell.log.report.text import change_lines, command_text, difference_lines, note_text, short
 from bracket_cell.recording.parts import whole_path
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, counted
 
 LONGEST_VALUE = 200
 WORKERS = max(1, (os.cpu_count() or 2) // 2)  # processes that replay several logs
@@ -149,7 +149,7 @@ def _row_text(row: Mapping[str, Any]) -> str:
     if row["error"]:
         return f"{name}: cannot be replayed: {row['error']}"
     if not row["differing_ticks"]:
-        return f"{name}: identical, {row['ticks']} ticks"
+        return f"{name}: identical, {counted(row['ticks'], 'tick')}"
     of = "command" if row["command_tick"] is not None else "first"
     at = f"first other {row[f'{of}_aspect']} at tick {row[f'{of}_tick']}, {row[f'{of}_time_s']:.2f} s"
     why = f"; {row['why']}" if row["why"] else ""

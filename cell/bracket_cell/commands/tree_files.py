@@ -27,7 +27,7 @@ from bracket_cell.trees.bench import breakable
 from bracket_cell.trees.loading import input_problem, load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.trees.rules import CheckedRules, check_rules, rules_beside
-from bracket_ground.errors import InputError, Problem
+from bracket_ground.errors import InputError, Problem, counted
 from btxml.files.check import Circumstances, findings, sound_trees
 from btxml.files.compile.registry import Registry
 from btxml.views.palette import groot_model, named, palette_list, palette_text
@@ -82,7 +82,7 @@ def check(
         raise InputError(*problems)
     unchecked = "" if config else "; names of parts, positions, goals and signals are checked with --config"
     found = f"{len(warnings)} doubtful" if doubtful else "nothing wrong"
-    sys.stderr.write(f"{len(files)} file{'s' if len(files) > 1 else ''}: {found}{unchecked}\n")
+    sys.stderr.write(f"{counted(len(files), 'file')}: {found}{unchecked}\n")
     return int(doubtful)
 
 

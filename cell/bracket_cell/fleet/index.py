@@ -13,7 +13,7 @@ from bracket_cell.fleet.intervals import mean, wilson
 from bracket_cell.fleet.table import COLUMNS, read_table, write_table
 from bracket_cell.packages import needed
 from bracket_cell.recording.parts import PART, whole_path
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, counted
 
 Row = Mapping[str, Any]
 MEANS = ("sim_time_s", "robot_placements", "help_requests", "contacts", "interventions", "human_idle", "robot_idle")
@@ -68,7 +68,7 @@ def summary_lines(summary: Mapping[str, Any], by: str) -> list[str]:
     if summary["share"] is not None:
         share = f"{summary['share']:.3f} (95 %: {summary['share_low']:.3f} - {summary['share_high']:.3f})"
     counts = f"{summary['right']} right, {summary['wrong']} wrong, {summary['not_known']} not known"
-    lines = [f"{by} {summary[by]}: {summary['runs']} runs, {counts}; {share}"]
+    lines = [f"{by} {summary[by]}: {counted(summary['runs'], 'run')}, {counts}; {share}"]
     for name in filter(summary.__contains__, MEANS):
         low, high = summary.get(f"{name}_low"), summary.get(f"{name}_high")
         lines.append(f"  {name} {summary[name]:.2f}" + ("" if low is None else f" (95 %: {low:.2f} - {high:.2f})"))

@@ -13,7 +13,7 @@ import numpy as np
 from bracket_cell.packages import needed
 from bracket_cell.plant.ros_camera import TO_RGB
 from bracket_cell.plant.ros_types import DEFINITIONS
-from bracket_ground.errors import InputError, words_of
+from bracket_ground.errors import InputError, counted, words_of
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import DeviceCheck
 from bracket_ground.interfaces.robot import RobotModel
@@ -48,7 +48,7 @@ class Topic:
     def told(self) -> str:
         """Rate and delays in words."""
         spent_s = self.times_s[-1] - self.times_s[0] if len(self.times_s) > 1 else 0.0
-        text = f"{self.name} ({self.kind}): {self.count} messages"
+        text = f"{self.name} ({self.kind}): {counted(self.count, 'message')}"
         text += f", {(len(self.times_s) - 1) / spent_s:.1f} a second" if spent_s > 0 else ""
         if self.delays_s:
             middle, late = (1e3 * np.quantile(self.delays_s, share) for share in (0.5, 0.95))

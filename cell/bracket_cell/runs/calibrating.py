@@ -22,7 +22,7 @@ from bracket_cell.learned.calibration.solve import (
 from bracket_cell.runs.camera_delay import measured_delays_s
 from bracket_cell.runs.slow_motion import move_to, next_frame, opened, placed
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
-from bracket_ground.errors import DeviceFault
+from bracket_ground.errors import DeviceFault, counted
 from bracket_ground.interfaces.bench import Bench, Calibration, CameraCalibration, CameraSetup
 from bracket_ground.interfaces.clock import Clock
 from bracket_ground.interfaces.devices import Camera, Devices
@@ -188,7 +188,7 @@ def calibrate_wrist(
         tell(f"view {len(shots)}")
     move_to(devices, motion, park)
     if len(shots) < LEAST_VIEWS:
-        raise DeviceFault("arm", f"only {len(shots)} views of the bracket can be reached; {LEAST_VIEWS} are needed")
+        raise DeviceFault("arm", f"{counted(len(shots), 'view')} of the bracket in reach; {LEAST_VIEWS} are needed")
     fit = fit_wrist_camera(shots, bench, product)
     off_m = math.dist(fit.setup.mount.position_m, bench.wrist.mount.position_m)
     return Calibrated(fit, off_m, trouble(fit, LEAST_VIEWS, bench, product) or _far(bench.wrist, fit))

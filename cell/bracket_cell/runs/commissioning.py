@@ -13,7 +13,7 @@ from bracket_cell.runs.calibrating import DOWN
 from bracket_cell.runs.slow_motion import move_to, next_frame, placed
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.wiring.detectors import part_finder
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, counted
 from bracket_ground.files.model import Location
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.devices import Devices
@@ -193,7 +193,7 @@ def dry_run(configuration: Configuration, product: Product, devices: Devices, te
     tell("over the tray")
     frame = next_frame(devices.wrist, devices.clock)
     seen = find(placed(frame, devices, motion)).detections
-    tell(f"{len(seen)} parts are seen" if seen else "no part is seen in the tray: put some there, or look at the light")
+    tell(f"{counted(len(seen), 'part')} seen" if seen else "no part in the tray: put some there, or look at the light")
     bracket = bench.bracket.pose
     holes = {f"hole {name}": bracket.transform(np.array([*at, 0.0])) for name, at in product.bracket.holes_m.items()}
     missed = 0

@@ -10,6 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from bracket_ground.errors import counted
+
 XACRO = ("xacro:", "${", "$(")  # what only its files have, in tags and values
 FLANGE = "tool0"
 LINE_M = 0.05  # radius of a link that has no shape of its own: slim arms are thinner
@@ -371,7 +373,8 @@ def _wrong_joints(root: ElementTree.Element, flange: str) -> Iterator[str]:
     """Whether the joints up to the flange are such as the program moves."""
     turning = turning_joints(root, flange)
     if not LEAST_JOINTS <= len(turning) <= MOST_JOINTS:
-        yield f"{len(turning)} joints move the flange {flange!r}, must be {LEAST_JOINTS} or more, at most {MOST_JOINTS}"
+        count = counted(len(turning), "joint")
+        yield f"{count} up to the flange {flange!r}, must be {LEAST_JOINTS} or more, at most {MOST_JOINTS}"
     for joint in turning:
         name, axis = f"{_at(joint)}{joint.get('name')}", joint.find("axis")
         if joint.get("type") not in MOVES:

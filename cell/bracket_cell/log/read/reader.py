@@ -16,7 +16,7 @@ from bracket_cell.log.read.ticks import Note as Note
 from bracket_cell.log.read.walk import PROFILE
 from bracket_cell.recording import identity as digest
 from bracket_cell.recording.parts import part_number, parts_of, whole_path
-from bracket_ground.errors import LogError
+from bracket_ground.errors import LogError, counted
 
 T = TypeVar("T")
 MOST_DIGITS = 18  # of a count
@@ -279,12 +279,13 @@ def _broken_off(part: _Part, ticks: TickBuilder) -> list[str]:
 def _missing(first: _Part, last: _Part, ticks: TickBuilder) -> list[str]:
     remarks = [str(gap) for gap in ticks.gaps]
     if cropped := first.content.cropped:
-        remarks.append(f"the beginning was cropped: {sum(cropped.values())} messages of {', '.join(sorted(cropped))}")
-    counted = last.content.metadata.get("outcome", {}).get("ticks", "")
-    if ticks.last is not None and ticks.last + 1 < (_whole(counted) or 0):
-        remarks.append(f"the end was cropped: the run had {counted} ticks, the last one here is {ticks.last}")
+        lost = counted(sum(cropped.values()), "message")
+        remarks.append(f"the beginning was cropped: {lost} of {', '.join(sorted(cropped))}")
+    had = last.content.metadata.get("outcome", {}).get("ticks", "")
+    if ticks.last is not None and ticks.last + 1 < (_whole(had) or 0):
+        remarks.append(f"the end was cropped: the run had {had} ticks, the last one here is {ticks.last}")
     if ticks.blind:
-        remarks.append(f"{ticks.blind} ticks saw answers of detectors that are missing")
+        remarks.append(f"{counted(ticks.blind, 'tick')} saw answers of detectors that are missing")
     if last.content.unfinished:
         remarks.append(last.content.unfinished)
     elif "outcome" not in last.content.metadata:

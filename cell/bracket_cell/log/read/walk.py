@@ -25,6 +25,7 @@ from bracket_cell.log.read.records import (
     parse,
     unpacked,
 )
+from bracket_ground.errors import counted
 
 PROFILE = "cell"  # of the files that this program writes
 # An opcode and a length below 4 GiB: what the beginning of a record looks like.
@@ -125,7 +126,7 @@ class McapScanner:
                     raise
                 self.at = self._resume(self.at, damage)
         if self._orphan_messages:
-            self._remark(f"{self._orphan_messages} messages whose channel is lost")
+            self._remark(f"{counted(self._orphan_messages, 'message')} whose channel is lost")
         for what, count in self._counted.items():
             if self.kept[what] != count:
                 self._remark(f"{self.kept[what]} of {count} {what} are there")

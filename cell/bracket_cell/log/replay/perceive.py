@@ -19,7 +19,7 @@ from bracket_cell.running.device_reader import RobotPoseHistory
 from bracket_cell.settings import Perception
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.wiring.detectors import bench_watcher, part_finder
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, counted
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from bracket_ground.interfaces.pose import Pose
@@ -66,7 +66,7 @@ def perceived(log: Log, configuration: Configuration, product: Product, chosen: 
         ticks.append(
             replace(tick, observation=replace(was, bench=again("overhead", was.bench), parts=again("wrist", was.parts)))
         )
-    remark = f"{len(lacking)} answers are those of the recording, as their images are not in the log" if lacking else ""
+    remark = f"{counted(len(lacking), 'answer')} of the recording kept, as no image is in the log" if lacking else ""
     return replace(log, ticks=tuple(ticks)), remark
 
 

@@ -11,7 +11,7 @@ from bracket_cell.log.read.reader import Log
 from bracket_cell.log.replay.logged_tree import logged_bench, logged_product
 from bracket_cell.log.report.summary import Placed
 from bracket_cell.recording.scene_frames import HoleMarks
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, counted
 from bracket_ground.interfaces.perception import BenchView, PartsView
 
 MOST_FRAMES = 24
@@ -73,7 +73,7 @@ def _moments(log: Log, placed: Sequence[Placed]) -> Iterator[tuple[float, str, s
             if action == "screw":
                 yield bench.time_s, "overhead", "the person screws"
         if seen is not None and seen is not parts:
-            yield seen.time_s, "wrist", f"tray: {len(seen.detections)} parts seen"
+            yield seen.time_s, "wrist", f"tray: {counted(len(seen.detections), 'part')} seen"
             parts = seen
         for topic, fields in tick.notes:
             if topic == "help":

@@ -13,6 +13,7 @@ from bracket_cell.log.replay.logged_tree import logged_motion, logged_tree
 from bracket_cell.log.replay.replay import Replay, Step
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.trees.rules import Situation, watch_of
+from bracket_ground.errors import counted
 from btxml.rules import Violation, nodes_of
 
 OUTCOMES = ("kept", "broken", "unknown")
@@ -97,7 +98,7 @@ def rule_lines(judged: Sequence[Judged]) -> list[str]:
         counts = (*logs, len(ticks) - sum(logs))
         rows.append((name, *(f"{logs} ({sum(tick[n] for tick in ticks)})" for n, logs in enumerate(counts))))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines.append(f"{len(judged)} logs (ticks):")
+    lines.append(f"{counted(len(judged), 'log')} (ticks):")
     return lines + [
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows
     ]

@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from bracket_cell.log.replay.compare import Difference, causes_in
+from bracket_ground.errors import counted
 from btxml.engine.node import StatusChange
 from btxml.engine.why import Step
 
@@ -200,7 +201,7 @@ def difference_lines(difference: Difference, names: tuple[str, str] = ("was", "n
 def info_lines(info: Mapping[str, Any]) -> Iterator[str]:
     """The answer of `cell log info`."""
     outcome, facts = info["outcome"], info["metadata"]
-    parts = f" in {len(info['parts'])} parts" if info["parts"] else ""
+    parts = f" in {counted(len(info['parts']), 'part')}" if info["parts"] else ""
     yield f"{info['log']}: {_size(info['bytes'])}{parts}"
     yield f"  end       {outcome.get('end', 'not known')}: {outcome.get('reason', info['unfinished'])}"
     if why := outcome.get("why"):

@@ -220,6 +220,7 @@ def test_ticks_whose_inputs_are_lost_hold_none_for_them(tmp_path: Path) -> None:
     log = read_log(without(path, 3))
     assert [tick.observation.bench is None for tick in log.ticks] == [False, False, False, True, True]
     assert "2 ticks saw answers of detectors that are missing" in log.unfinished
+    assert "1 tick saw answers of detectors that are missing" in read_log(without(path, 3, 4)).unfinished
 
 
 @pytest.mark.parametrize("data", [b"7", b"null", b"[1]", b'"x"', b"{"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -46,12 +45,13 @@ class Changes:
 
 
 def load(
-    log: Log, changes: Changes, edited: Mapping[str, str]
+    log: Log, changes: Changes, edited: Mapping[str, str], files: ExitStack
 ) -> tuple[Configuration, Product, Planners, Tree, FaultTable]:
     """Everything that a replay ticks on.
 
     Args:
         edited: files of the tree that took over in the run, by name.
+        files: unpacked of the log; the arm's meshes are read for as long as it is open.
 
     Raises:
         LogError: the log lacks some of it, was recorded with other weights, or with nodes that are not here.
@@ -59,10 +59,10 @@ def load(
     """
     _is_whole(log)
     try:
-        files = unpacked(log, {**log.attachments, **{file: text.encode() for file, text in edited.items()}})
+        own = unpacked(log, {**log.attachments, **{file: text.encode() for file, text in edited.items()}})
         with ExitStack() as stack:
-            found = _load(log, changes, stack.enter_context(files))
-            atexit.register(stack.pop_all().close)  # the arm's meshes are read for as long as this process replays
+            found = _load(log, changes, stack.enter_context(own))
+            files.callback(stack.pop_all().close)
         return found
     except InputError as error:
         if not (missing := nodes_missing(log, changes.nodes)):

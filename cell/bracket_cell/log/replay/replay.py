@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
+from weakref import finalize
 
 from bracket_cell.log.read.reader import Log, LoggedTick, json_of
 from bracket_cell.log.read.ticks import Gap, holding
@@ -95,6 +97,8 @@ class Replay:
         self.remarks += [f"recorded with other versions: {line}" for line in what_changed(log.metadata)]
         self.remarks += [f"of another release; in a clone its own replays it: {way}" for way in its_program(log)]
         self.remarks += _other_limits(log)
+        self._files = ExitStack()
+        finalize(self, self._files.close)
         self._begin(_start(log, bracket))
 
     def _begin(self, place: int) -> None:
@@ -102,7 +106,7 @@ class Replay:
         log, before = self.log, self.log.ticks[max(0, place - 1)]
         edits = [fields["files"] for tick in log.ticks[:place] for kind, fields in tick.inputs if kind == "edit"]
         edited = edits[-1] if edits else {}
-        configuration, product, planners, self.tree, faults = load(log, self.changes, edited)
+        configuration, product, planners, self.tree, faults = load(log, self.changes, edited, self._files)
         self._configured = configuration.nodes
         self.names = self._named()
         self.remarks += [f"recorded with other code: {line}" for line in code_differs(log, self.tree)]

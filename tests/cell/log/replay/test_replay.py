@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import json
 import re
 import socket
 import subprocess
 import sys
+import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -32,6 +35,8 @@ from tests.cell.log.read.test_reader import without
 BARE: Any = {"images": False, "pixels": False, "one_process": True}
 LEAVES = """
 import sys
+import tempfile
+from contextlib import ExitStack
 from bracket_cell.trees.nodes.services import CellNode
 
 class Leaves(CellNode):
@@ -42,6 +47,8 @@ class Leaves(CellNode):
 
 LEAVES_WHEN_HALTED = """
 import sys
+import tempfile
+from contextlib import ExitStack
 from btxml.engine.status import Status
 from bracket_cell.trees.nodes.services import CellNode
 
@@ -200,7 +207,10 @@ def test_a_node_that_ends_the_program_ends_neither_run_nor_replay(
     tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Leaves/></BehaviorTree></root>')
     monkeypatch.setenv("CELL_NODES", str(nodes))
     result = run(RunOptions(tree, DEFAULT_CONFIGURATION, "g0", 1, "fast", path, **BARE), Console(quiet=True))
-    assert (result.outcome.end, result.outcome.reason) == ("fault", "SystemExit: 0")
+    assert (result.outcome.end, result.outcome.reason) == (
+        "fault",
+        "SystemExit: 0, in Leaves (tree.xml:1), leaves.py:9",
+    )
     comparison = Replay(read_log(path)).run()
     assert comparison.identical, comparison.first
     assert comparison.ticks > 0
@@ -305,10 +315,21 @@ def test_a_product_that_no_weights_know_is_replayed_as_it_was_run(assembly_log: 
         name: re.sub(rb"\bo1\b", b"ball", content) if name in ("configuration.yaml", "product.yaml") else content
         for name, content in assembly_log.attachments.items()
     }
-    configuration, product, planners, _, _ = load(dataclasses.replace(assembly_log, attachments=renamed), Changes(), {})
+    other = dataclasses.replace(assembly_log, attachments=renamed)
+    with ExitStack() as files:
+        configuration, product, planners, _, _ = load(other, Changes(), {}, files)
     assert "ball" in product.parts
     assert configuration.perception.kind == "classical"
     assert planners.confusions is None  # those on the card of trained detectors say nothing about colours
+
+
+def test_what_a_replay_unpacked_goes_with_it(tray_log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    replay = Replay(tray_log)
+    assert len([*tmp_path.iterdir()]) == 1
+    del replay
+    gc.collect()
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.long

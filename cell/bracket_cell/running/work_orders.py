@@ -94,7 +94,7 @@ class WorkOrders:
             InputError: it is none.
         """
         try:
-            read = json.loads(text, parse_int=lambda digits: int(digits[:DIGITS]))
+            read = json.loads(text, parse_int=lambda digits: int(digits[:DIGITS]), object_pairs_hook=_fields)
         except (ValueError, RecursionError) as error:
             example = ORDER % next(iter(self._variants), "")
             raise InputError(f"this is no work order: it {mistakes(error)[0]}; {example}") from None
@@ -185,6 +185,12 @@ class WorkOrders:
             legal = ", ".join(f"{name} ({title})" if title != name else name for name, title in self._variants.items())
             raise ValueError(f"variant is {named!r}; legal: {legal}")
         return found[0]
+
+
+def _fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(fields := dict(pairs)) < len(pairs):
+        raise ValueError("has a key twice")
+    return fields
 
 
 def _time(text: str) -> str:

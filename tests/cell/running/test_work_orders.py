@@ -54,6 +54,7 @@ def test_a_file_may_grow_change_and_cancel_and_that_is_told(tmp_path: Path) -> N
         ("{", "it is no JSON from character 2 on, where nothing stands; a line is an order, as {"),
         ("id;variant;amount", """it is no JSON from character 1 on, where 'id;varian' stands; a line is an order"""),
         ('{"variant": "g0"},\r', "it is no JSON from character 18 on, where ',' stands"),
+        ('{"id": "A", "variant": "g0", "id": "B"}', "it has a key twice"),
         ({"variant": "g0", "due": 20261126140000}, 'due is 20261126140000, not text, as "2026-11-26T14:00"'),
         ({"id": 1234567890123, "variant": "g0"}, 'id is 1234567890123, not text, as "A17"'),
         ([], "keys id, variant, amount, due, cancelled"),

@@ -66,6 +66,14 @@ def test_every_tree_gives_way_before_and_after_it_places_a_part(name: str) -> No
             assert [type(tree_node).__name__ for tree_node in beside] == ["ReactiveSequence", "GiveWay", "MoveTo"]
 
 
+def test_one_part_ahead_the_arm_waits_for_the_hand_beside_the_hole() -> None:
+    answers = {"GripperIsEmpty": "F", "WaitForHandClear": "RRRS", "MoveBeside": "RS", "PlacePart": "RS"}
+    made = TreeBench(ROOT / "trees" / "ahead.xml", answers, main="PlaceAhead", part=True)
+    assert ticked_to_its_end(made) == "RRRRS"
+    moves = [event for event in made.events if event.split()[1] in ("MoveBeside", "PlacePart") and "tick" not in event]
+    assert moves == ["start MoveBeside", "end MoveBeside", "start PlacePart", "end PlacePart"]
+
+
 @pytest.mark.parametrize("kind", [PickPart, MoveAside])
 def test_what_the_gripper_holds_is_not_forgotten_where_another_part_is_to_be_taken(kind: type[Any]) -> None:
     at = services()

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from bracket_cell.learned.classical.foresight import foreseen
-from bracket_cell.trees.nodes.foresight import PositionForeseen
+from bracket_cell.trees.nodes.foresight import MoveBeside, PositionForeseen
 from bracket_cell.trees.nodes.services import Services
 from bracket_ground.interfaces.perception import Action, HandSample
 from bracket_ground.interfaces.planning import AssemblyPlan, AssemblyState
+from bracket_ground.interfaces.skill import Progress, SkillStatus
 from btxml.engine.status import Status
 from btxml.testing import alone
 from tests.trees.nodes.rig import PRODUCT, SURE, ScriptedPlanner, hand_at, see, services
@@ -81,3 +83,12 @@ def test_a_hand_that_is_far_from_all_holes_foretells_nothing() -> None:
     node = node_of(at)
     see(at, 1.0, hand=carrying("p5", 0.6), action=Action("transit", 1.0))
     assert node.update() is Status.FAILURE
+
+
+@pytest.mark.parametrize(("off_m", "moves"), [(0.2, False), (0.3, True)])
+def test_an_arm_that_is_as_near_to_the_hole_already_does_not_go_back(off_m: float, moves: bool) -> None:
+    at, (x, y) = services(), hole_m("p2")
+    at.tool_on_bench_m = lambda: (x - off_m, y)  # type: ignore[method-assign]
+    node: Any = alone(MoveBeside("beside"), at, position="p2")
+    node.make_skill = lambda: SimpleNamespace(poll=lambda *_: Progress(SkillStatus.RUNNING, "on the way"))
+    assert (node.execute() is Status.RUNNING) is moves

@@ -187,6 +187,15 @@ def test_it_gives_way_after_a_while_only(tmp_path: Path) -> None:
     assert world.away_m < 0.001
 
 
+@pytest.mark.parametrize(("held", "gone"), [("o1", True), (None, False)])
+def test_a_hand_that_brings_a_part_is_given_way_to_sooner(held: str | None, gone: bool, tmp_path: Path) -> None:
+    rests = replace(resting(0.2), held_part=held)
+    world = World(lambda _: rests)
+    wait = '<GiveWay/><WaitForHandClearOfSpot spot="{goal}" distance_m="0.5"/>'
+    assert run(world, wait, tmp_path, 5.0) is Status.RUNNING
+    assert (world.away_m > 0.1) is gone
+
+
 def test_a_hand_that_is_not_near_is_not_given_way_to(tmp_path: Path) -> None:
     world = World(lambda _: resting(0.5))
     assert run(world, "<GiveWay/>", tmp_path, 60.0) is Status.SUCCESS

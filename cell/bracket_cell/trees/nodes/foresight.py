@@ -105,12 +105,23 @@ class PositionForeseen(CellNode):
 
 
 class MoveBeside(SkillNode):
-    """Move what the gripper holds beside a hole, as far back from the person that a hand has room over the bracket."""
+    """Move what the gripper holds beside a hole, as far back from the person that a hand has room over the bracket.
+
+    An arm that is as near to the hole already stays.
+    """
 
     traits = Traits(claims=("arm",))
 
     position = InputPort(Hole, "the hole")
     back_m = InputPort(float, "how far back from it", default=0.22, least=0)
+
+    def initialise(self) -> None:
+        hole_m = hole_on_bench_m(self.services, self.position.get())
+        if self.compare(math.dist(self.services.tool_on_bench_m(), hole_m), ">", self.back_m):
+            super().initialise()
+
+    def update(self) -> Status:
+        return Status.SUCCESS if self._skill is None else super().update()
 
     def make_skill(self) -> Skill:
         from bracket_cell.skills import move_to

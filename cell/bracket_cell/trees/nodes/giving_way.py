@@ -11,6 +11,7 @@ from bracket_cell.trees.vocabulary import ShownAs
 from bracket_ground.files.words.message import Message
 from bracket_ground.interfaces.faults import HAND_TOO_NEAR
 from bracket_ground.interfaces.observation import Observation
+from bracket_ground.interfaces.perception import BenchView
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.skill import Skill, SkillStatus
 from btxml.engine.ports import InputPort
@@ -34,6 +35,12 @@ class GiveWay(SkillNode):
 
     after_s = InputPort(
         float, "how long arm and hand may wait for each other before it gives way in [s]", default=8.0, least=0
+    )
+    with_part_s = InputPort(
+        float,
+        "the same of a hand with a part in it, which waits to place it: acts of placing take 2 s",
+        default=3.0,
+        least=0,
     )
     near_m = InputPort(float, "how near to the arm a hand that rests must be for that in [m]", default=0.3, least=0)
     wait_s = InputPort(float, "how long it waits for the hand to leave at most in [s]", default=15.0, least=0)
@@ -87,7 +94,8 @@ class GiveWay(SkillNode):
         if now_s - self._held_s > PAUSE_S:
             self._since_s = now_s
         self._held_s = now_s
-        return self.compare(now_s - self._since_s, ">=", self.after_s)
+        brings = _brings(seen.bench) and self.with_part_s.get() < self.after_s.get()
+        return self.compare(now_s - self._since_s, ">=", self.with_part_s if brings else self.after_s)
 
     def _waits(self, seen: Observation) -> bool:
         """Whether a near hand holds the arm, or rests beside an arm that stands."""
@@ -113,3 +121,10 @@ class GiveWay(SkillNode):
         if seen.bench is None or seen.bench.hand_unknown or not seen.time_s - seen.bench.time_s <= STALE_S:
             return False
         return self.compare(self._room_m(seen, self._held_rad), ">=", self.near_m)
+
+
+def _brings(view: BenchView | None) -> bool:
+    """Whether the hand holds a part to place."""
+    return (
+        view is not None and view.hand is not None and view.hand.held_part is not None and view.action.kind != "screw"
+    )

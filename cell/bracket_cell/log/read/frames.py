@@ -94,6 +94,11 @@ class Frames:
         """When this camera took its images."""
         return [message.time_ns / 1e9 for message in self._messages.get(camera, ())]
 
+    def rate_hz(self, camera: str) -> float:
+        """Of its images, two or more; what the recorder left out, as the disk did not keep up, does not change it."""
+        steps_s = np.diff(self.times_s(camera))
+        return 1 / float(np.mean(steps_s[steps_s < 1.5 * np.median(steps_s)]))
+
     def at(self, camera: str, time_s: float) -> LoggedFrame | None:
         """The image that a camera took at this very time; None where it is not in the log."""
         written, time_ns = self._messages.get(camera, []), round(time_s * 1e9)

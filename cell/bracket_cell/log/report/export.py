@@ -196,10 +196,9 @@ def _video(log: Log, path: Path, name: Path) -> int:
         raise LogError(
             log.path, f"holds {len(times_s)} overhead frames; a video needs 2 (configuration: camera_frames)"
         )
-    rate_hz = (len(times_s) - 1) / max(1e-9, times_s[-1] - times_s[0])
     starts = [tick.time_s for tick in log.ticks]
     rows = list(table(log))
-    video = Video(path, rate_hz, name)
+    video = Video(path, frames.rate_hz("overhead"), name)
     for time_s in times_s:
         stored = frames.at("overhead", time_s)
         assert stored is not None

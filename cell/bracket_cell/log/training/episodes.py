@@ -136,9 +136,7 @@ def image_times_s(log: Log) -> list[float]:
 
 
 def rate_hz_of(log: Log, *, filmed: bool) -> float:
-    """Rows a second: the camera's; images that the recorder left out, as the disk did not keep up, do not change it.
-
-    Of logs without images it is RATE_HZ.
+    """Rows a second: the camera's, or RATE_HZ of logs without images.
 
     Raises:
         LogError: there are too few.
@@ -150,5 +148,4 @@ def rate_hz_of(log: Log, *, filmed: bool) -> float:
         raise LogError(
             log.path, f"holds {len(times_s)} overhead images and {len(log.ticks)} ticks; an episode needs both"
         )
-    steps_s = np.diff(times_s)
-    return 1 / float(np.mean(steps_s[steps_s < 1.5 * np.median(steps_s)]))
+    return Frames(log).rate_hz("overhead")

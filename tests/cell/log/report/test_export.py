@@ -139,6 +139,12 @@ def test_video_has_every_overhead_frame(assembly_log: Log, tmp_path: Path) -> No
     assert video.read()[0]
 
 
+def test_a_video_of_which_images_are_missing_goes_no_slower(assembly_log: Log, tmp_path: Path) -> None:
+    kept = [one for one in assembly_log.messages if one.topic != "/camera/overhead" or not 1e9 < one.time_ns < 9e9]
+    export(replace(assembly_log, messages=tuple(kept)), "video", tmp_path / "run.mp4")
+    assert cv2.VideoCapture(str(tmp_path / "run.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(15, rel=1e-2)
+
+
 def test_what_a_log_lacks_is_a_typed_error(assembly_log: Log, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="a video needs"):
         export(replace(assembly_log, messages=()), "video", tmp_path / "run.mp4")

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from functools import partial
+from pathlib import Path
 
 # Nothing that is imported is garbage: with Python's own threshold, looking for it takes a tenth of the start. A run
 # begins without a search, and searches more often afterwards, as each search is short then.
@@ -18,6 +19,11 @@ def main() -> None:
     heard = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     hear = partial(signal.signal, signal.SIGINT) if heard else id
     hear(_leave)
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        sys.stderr.write("cell: the working folder is gone; change to one that is there\n")
+        sys.exit(2)
     try:
         from bracket_cell.commands.main import main as command_line
 

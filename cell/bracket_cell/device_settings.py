@@ -134,7 +134,7 @@ def _from_file(value: Any, info: ValidationInfo) -> Any:
         return value
     path = Path((info.context or {}).get("folder", ".")) / value
     if not path.is_file():
-        raise ValueError("there is no such file")
+        raise ValueError(f"should be a file in {path.parent}")
     found = installed()
     return NoSimulation() if found is None else load_yaml(path, found.Settings)  # a run says that it is missing
 

@@ -40,6 +40,15 @@ def test_a_broken_tree_is_named_by_line(tmp_path: Path, capsys: pytest.CaptureFi
         assert f"{path}:4:" in complaint(capsys, *command)
 
 
+def test_a_working_folder_that_is_gone_is_told(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    program = "import os, bracket_cell.__main__ as cell; os.rmdir(os.getcwd()); cell.main()"
+    ended = subprocess.run([sys.executable, "-c", program, "--version"], cwd=gone, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr == "cell: the working folder is gone; change to one that is there\n"
+
+
 class Full(io.StringIO):
     """A file on a full disk; it takes what fits into its buffer."""
 

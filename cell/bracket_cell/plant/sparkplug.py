@@ -107,10 +107,11 @@ class SparkplugNode(Observer):
         self._birth()
 
     def _disconnected(self, _: Any, __: Any, code: int) -> None:
+        was_there = self._born.is_set()
         self._born.clear()
         self._births = (self._births + 1) % NUMBERS
         self._set_will()
-        if code and not self._over.is_set():
+        if code and was_there and not self._over.is_set():
             self._tell(f"the broker at {self._settings.host} is gone; it is tried again")
 
     def _tell(self, words: str) -> None:

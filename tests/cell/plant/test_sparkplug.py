@@ -8,7 +8,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +192,25 @@ def test_a_broker_that_is_not_there_stops_nothing(capfd: pytest.CaptureFixture[s
     node.abandon()
     assert said == ["the broker at 127.0.0.1 is not there; it is tried again"]
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_broker_is_told_once() -> None:
+    """Whoever hangs up was never there: nothing is gone."""
+    said, calls = list[str](), list[bytes]()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def hang_up() -> None:
+            with suppress(OSError):
+                while True:
+                    with server.accept()[0] as caller:
+                        calls.append(caller.recv(64))
+
+        threading.Thread(target=hang_up, daemon=True).start()
+        node = SparkplugNode(Counted(), settings(server.getsockname()[1]), said.append)
+        until(lambda: len(calls) > 2)
+        node.abandon()
+        server.shutdown(socket.SHUT_RDWR)
+    assert said == ["the broker at 127.0.0.1 is not there; it is tried again"]
 
 
 def test_a_password_file_that_is_not_there_is_told_before_anything_moves(tmp_path: Path) -> None:

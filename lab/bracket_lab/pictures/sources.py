@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -91,7 +92,7 @@ def open_source(
         frames = _pictures(files, camera, world_from_camera)
         return Source(name, False, False, 2.0, frames, tuple(file.name for file in files))
     if not path.is_file():
-        raise InputError(f"{text}: unknown source; legal: {LEGAL}")
+        raise InputError(f"{text}: there is no such file, nor a source of that name; legal: {LEGAL}")
     suffix = path.suffix.lower()
     if suffix in PICTURES:
         return Source(path.stem, True, False, 2.0, _pictures([path], camera, world_from_camera))
@@ -117,6 +118,7 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
 
 
 def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what it has to say is raised
     capture = cv2.VideoCapture(source)
     if not capture.isOpened():
         named = f"camera:{source}" if isinstance(source, int) else source

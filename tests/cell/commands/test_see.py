@@ -298,7 +298,7 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["none.png"], "unknown source"),
+        (["none.png"], "none.png: there is no such file, nor a source of that name; legal:"),
         (["empty"], "holds no images"),
         (["text.png"], "cannot be read as an image"),
         (["text.mp4"], "cannot be opened as a video"),
@@ -323,6 +323,16 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
     assert main(["lab", "see", *words]) == BAD_INPUT
     assert said in capsys.readouterr().err
     assert set(picture.parent.iterdir()) == before
+
+
+def test_a_video_that_is_none_is_told_by_us_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """FFmpeg writes to standard error itself."""
+    monkeypatch.chdir(tmp_path)
+    Path("text.mp4").write_text("no video")
+    assert main(["record", "text.mp4", "--out", "kept"]) == BAD_INPUT
+    assert capfd.readouterr() == ("", "cell: text.mp4: cannot be opened as a video\n")
 
 
 @pytest.mark.parametrize(

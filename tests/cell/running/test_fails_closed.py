@@ -15,7 +15,7 @@ from bracket_cell.running.device_reader import RobotPoseHistory
 from bracket_cell.running.fault_checks import FaultReport
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
 from bracket_cell.skills.motion.near_hand import separation_of, way_out
-from bracket_cell.skills.motion.planner import Load
+from bracket_cell.skills.motion.planner import Load, settled
 from bracket_cell.skills.motion.separation import UNKNOWN
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_ground.interfaces.command import Command
@@ -242,7 +242,7 @@ def test_a_path_of_no_numbers_leaves_no_share() -> None:
 def test_nobody_is_given_way_to_where_it_is_not_known_where_the_hand_is() -> None:
     seen = view(hand=replace(FAR, palm_m=(math.nan, 0.0)))(on_path(2, BEGUN_S))
     joints = np.array(seen.arm.positions_rad)
-    assert isinstance(way_out(PLANNER, seen, joints, PATH.positions_rad[-1], Load(0.05)), str)
+    assert isinstance(settled(way_out(PLANNER, seen, joints, PATH.positions_rad[-1], Load(0.05))), str)
 
 
 @pytest.mark.long

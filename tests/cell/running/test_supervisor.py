@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -575,13 +575,38 @@ def near_hand(tick: int, path_s: float | None = None, **changes: object) -> Obse
 
 def path_out() -> JointTrajectory:
     from bracket_cell.skills.motion.near_hand import way_out
-    from bracket_cell.skills.motion.planner import Load
+    from bracket_cell.skills.motion.planner import Load, settled
 
     planner = motion_planner()
     park_rad = np.array(planner.bench.arm_park_rad)
-    path = way_out(planner, near_hand(0), np.array(OVER_RAD), park_rad, Load(0.05))
+    path = settled(way_out(planner, near_hand(0), np.array(OVER_RAD), park_rad, Load(0.05)))
     assert isinstance(path, JointTrajectory), path
     return path
+
+
+@pytest.mark.parametrize(("velocity_m_s", "ways"), [(None, 0), ((-0.01, 0.0), 1)])
+def test_of_the_ways_out_one_is_looked_at_in_a_tick_and_none_where_none_could_be_right(
+    velocity_m_s: tuple[float, float] | None, ways: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of them take seconds, in which the supervisor would not be asked."""
+    from bracket_cell.skills.motion import near_hand as module
+    from bracket_cell.skills.motion.planner import Load
+
+    def looked_at(*_: object) -> Iterator[str]:
+        while True:
+            tried.append(1)
+            yield "no way"
+
+    tried: list[int] = []
+    monkeypatch.setattr(module, "_ways", looked_at)
+    planner, seen = motion_planner(), near_hand(0)
+    assert seen.bench is not None
+    assert seen.bench.hand is not None
+    hand = replace(seen.bench.hand, velocity_m_s=velocity_m_s)
+    seen = replace(seen, bench=replace(seen.bench, hand=hand))
+    looking = module.way_out(planner, seen, np.array(OVER_RAD), np.array(planner.bench.arm_park_rad), Load(0.05))
+    assert isinstance(next(looking), str) is (ways == 0)
+    assert len(tried) == ways
 
 
 def test_an_arm_that_a_near_hand_holds_may_only_go_away_and_slowly() -> None:

@@ -114,7 +114,7 @@ class WayOut(FreeWay):
 
     seen: Observation
 
-    def plan(self, start_rad: Array) -> Plan | Looking:
+    def plan(self, start_rad: Array) -> Looking:
         return way_out(self.planner, self.seen, start_rad, self.goal_rad, self.load)
 
 
@@ -122,10 +122,11 @@ class WayOut(FreeWay):
 class WayOutOrFree(WayOut):
     """To joints by a free way; where a near hand holds the arm, by one that leads away from it, if there is one."""
 
-    def plan(self, start_rad: Array) -> Plan | Looking:
-        if HAND_TOO_NEAR in self.seen.holding_faults and not isinstance(path := super().plan(start_rad), str):
-            return path
-        return FreeWay.plan(self, start_rad)
+    def plan(self, start_rad: Array) -> Looking:
+        ways_out = super().plan(start_rad) if HAND_TOO_NEAR in self.seen.holding_faults else ()
+        yield from (found for found in ways_out if not isinstance(found, str))
+        found = FreeWay.plan(self, start_rad)
+        yield from (found,) if isinstance(found, JointTrajectory | str) else found
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
-from bracket_cell.skills.motion.planner import Load, MotionPlanner, Plan
+from bracket_cell.skills.motion.planner import Load, Looking, MotionPlanner, Plan
 from bracket_cell.skills.motion.separation import UNKNOWN, Following, Separation, SeparationMonitor
 from bracket_cell.skills.motion.trajectory import joined
 from bracket_ground.interfaces.observation import Observation
@@ -42,21 +42,16 @@ def separation_of(
     return monitor.judge(np.array(joints), persons, seen.gripper.holding, ahead)
 
 
-def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad: Array, load: Load) -> Plan:
+def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
     """A free way to joints that leads away from the near hand all the way; or why there is none.
 
     Turned about the arm's base, the tool often comes nearer to the person first: then it is drawn back before.
     """
-    reason = "no way leads away from the hand"
-    if separation_of(planner.separation, seen, None) is UNKNOWN:
-        return reason
-    for path in _ways(planner, seen, start_rad, goal_rad, load):
-        if isinstance(path, str):
-            continue
-        found = separation_of(planner.separation, seen, (path, 0.0))
-        if found is not None and found.retreat_scale > 0:
-            return path
-    return reason
+    stands = separation_of(planner.separation, seen, None)
+    for path in _ways(planner, seen, start_rad, goal_rad, load) if stands is None or stands.may_leave else ():
+        found = None if isinstance(path, str) else separation_of(planner.separation, seen, (path, 0.0))
+        yield path if found is not None and found.retreat_scale > 0 else None
+    yield "no way leads away from the hand"
 
 
 def _ways(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_rad: Array, load: Load) -> Iterator[Plan]:

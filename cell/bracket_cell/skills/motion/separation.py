@@ -79,6 +79,7 @@ class Separation:
         nearest: name of that link.
         retreat_scale: largest share at which an arm too near may go on, as its path leads away; 0 where it does not,
             or where too little is known; 1 for an arm that is not too near.
+        may_leave: some path might; where it is not, none does, whatever its way.
     """
 
     distance_m: float
@@ -86,6 +87,7 @@ class Separation:
     least_m: float
     nearest: str = ""
     retreat_scale: float = 0.0
+    may_leave: bool = False
 
     @property
     def spare_m(self) -> float:
@@ -149,7 +151,7 @@ class SeparationMonitor:
         placed = self.outline.placed(np.concatenate([joints_rad[np.newaxis], path_rad]))
         corners_m = turned(self.outline.corners_m(placed))
         known = [(person, self.outline.least_rooms(placed, corners_m, person.body, holding)) for person in persons]
-        found, leaving = [Separation(np.inf, 1.0, 0.0)], 1.0
+        found, leaving, may_leave = [Separation(np.inf, 1.0, 0.0)], 1.0, True
         for person, rooms in ((who, of) for who, of in known if who.waited_for):
             takes_s = self._takes_s(person.age_s, self.settings.slow_m_s)
             least_left_m = rooms.least_m[0] - person.most_m_s(takes_s, self._mean_over_s) * takes_s
@@ -166,10 +168,12 @@ class SeparationMonitor:
             )
             clear_m = least_m + self.settings.hysteresis_m
             if not room_m >= clear_m:
-                leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, room_m, clear_m))
+                may_leave = may_leave and self._may_leave(person, room_m)
+                leaving = min(leaving, self._leaving(joints_rad, person, holding, ahead, clear_m) if may_leave else 0.0)
             found.append(Separation(room_m, 1.0, least_m, self.outline.names[link]))
         share = 1.0 if ahead is None else self._share(path_rad, corners_m[:, :, 1:], known)
-        return replace(min(found, key=lambda separation: separation.spare_m), speed_scale=share, retreat_scale=leaving)
+        nearest = min(found, key=lambda separation: separation.spare_m)
+        return replace(nearest, speed_scale=share, retreat_scale=leaving, may_leave=may_leave)
 
     def protective_m(self, hand_m_s: float, age_s: float, doubt_m: float = 0.0, *, leaves: bool = False) -> float:
         """S_p but for C, which is in the person's volume, for an arm at its reduced speed.
@@ -281,15 +285,18 @@ class SeparationMonitor:
             until_s[share, place[step, share], link] = np.array(times_s)[step]
         return until_s
 
+    def _may_leave(self, person: Person, room_m: float) -> bool:
+        if person.velocity_m_s is None:
+            return False
+        hand_m_s = person.most_m_s(self._takes_s(person.age_s, self.settings.leaving_m_s), self._mean_over_s)
+        return room_m >= self.protective_m(hand_m_s, person.age_s, person.doubt_m, leaves=True)
+
     def _leaving(
-        self, joints_rad: Array, person: Person, holding: bool, ahead: Following | None, room_m: float, clear_m: float
+        self, joints_rad: Array, person: Person, holding: bool, ahead: Following | None, clear_m: float
     ) -> float:
-        if ahead is None or person.velocity_m_s is None:
+        if ahead is None:
             return 0.0
         leaving_m_s = self.settings.leaving_m_s
-        hand_m_s = person.most_m_s(self._takes_s(person.age_s, leaving_m_s), self._mean_over_s)
-        if not room_m >= self.protective_m(hand_m_s, person.age_s, person.doubt_m, leaves=True):
-            return 0.0
         return retreat_share(self.outline, joints_rad, ahead, person.body, clear_m, leaving_m_s, holding=holding)
 
     def out_of_view(self, joints_rad: Array) -> bool:

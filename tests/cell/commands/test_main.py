@@ -277,6 +277,7 @@ class Presses:
         if name == {module!r}:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Presses())
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background ignores it
 from bracket_cell.__main__ import main
 sys.argv = ["cell", "nodes"]
 main()

@@ -48,7 +48,7 @@ def way_out(planner: MotionPlanner, seen: Observation, start_rad: Array, goal_ra
     Turned about the arm's base, the tool often comes nearer to the person first: then it is drawn back before.
     """
     stands = separation_of(planner.separation, seen, None)
-    for path in _ways(planner, seen, start_rad, goal_rad, load) if stands is None or stands.may_leave else ():
+    for path in _ways(planner, seen, start_rad, goal_rad, load) if stands is not None and stands.may_leave else ():
         found = None if isinstance(path, str) else separation_of(planner.separation, seen, (path, 0.0))
         yield path if found is not None and found.retreat_scale > 0 else None
     yield "no way leads away from the hand"

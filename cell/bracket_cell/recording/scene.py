@@ -153,10 +153,10 @@ class SceneLog:
 
     def _robot(self, seen: Observation, stamp_ns: int) -> None:
         arm, gripper = seen.arm, seen.gripper
-        values = zip(self._joint_names, arm.positions_rad, arm.velocities_rad_s, strict=True)
+        values = zip(self._joint_names, arm.positions_rad, arm.velocities_rad_s, strict=False)  # as many as are told
         states = [messages.JointState(name=name, position=angle, velocity=speed) for name, angle, speed in values]
         self._joint_states.log(messages.JointStates(timestamp=timestamp(stamp_ns), joints=states), log_time=stamp_ns)
-        if self._stands(arm, gripper):
+        if arm.known_rad(len(self._joint_names)) is None or self._stands(arm, gripper):
             return
         self._arm, self._gripper = arm, gripper
         self._put(FRAMES_OF_ROBOT, self._frames.message(stamp_ns, arm, gripper), stamp_ns)

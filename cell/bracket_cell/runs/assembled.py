@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -147,8 +148,10 @@ class RunParts:
         return self.counts.job(self.devices)
 
     def _tool_on_bench_m(self, seen: Observation) -> tuple[float, float]:
-        """Where the tool is above the bench, (x, y)."""
-        x, y, _ = self._motion.kinematics.position_m(np.array(seen.arm.positions_rad)).tolist()
+        """Where the tool is above the bench, (x, y); far from everything where the arm does not tell."""
+        kinematics = self._motion.kinematics
+        joints = seen.arm.known_rad(kinematics.count)
+        x, y, _ = [math.inf] * 3 if joints is None else kinematics.position_m(np.array(joints)).tolist()
         return x, y
 
 

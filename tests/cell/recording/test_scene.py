@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.recording.scene import CellModel
+from bracket_cell.runs.assembled import RunParts
 from bracket_cell.settings import LogSettings
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import SentCommand, TickRecord
@@ -138,3 +142,21 @@ def test_images_and_their_calibration_share_a_frame(tmp_path: Path, cell: CellMo
     assert image.frame_id == calibration.frame_id == found["/tf/camera_overhead"][0].child_frame_id
     assert list(calibration.K) == cell.bench.overhead.model.matrix.ravel().tolist()
     assert topics(tmp_path / "log.mcap")["/camera/overhead"] == "foxglove.CompressedImage"
+
+
+@pytest.mark.parametrize("told", [JOINTS_RAD[:-1], (*JOINTS_RAD, 0.1), (math.nan, *JOINTS_RAD[1:])])
+def test_what_the_arm_tells_is_written_as_it_is(tmp_path: Path, cell: CellModel, told: tuple[float, ...]) -> None:
+    """A log holds the ticks of a fault: those in which the arm tells a joint too few, too many, or no number."""
+    wrong = replace(seen(1), arm=ArmState(0.04, told, (0.0,) * 6, False))
+    found = written(tmp_path / "log.mcap", cell, record(seen(0)), record(wrong), record(seen(2)))
+    joints = [[joint.position for joint in states.joints] for states in found["/joint_states"]]
+    assert np.array_equal(joints[1], told[:6], equal_nan=True)
+    assert joints[2] == pytest.approx(JOINTS_RAD)
+    assert len(found["/tf/robot"]) == 1, "where its links are nobody knows"
+
+
+def test_the_tool_of_an_arm_that_does_not_tell_is_near_nothing(cell: CellModel) -> None:
+    told: Any = SimpleNamespace(_motion=cell.motion)
+    assert max(RunParts._tool_on_bench_m(told, seen(0))) < 2
+    few = replace(seen(1), arm=ArmState(0.04, JOINTS_RAD[:-1], (0.0,) * 6, False))
+    assert RunParts._tool_on_bench_m(told, few) == (math.inf, math.inf)

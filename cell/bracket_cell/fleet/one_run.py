@@ -281,8 +281,8 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
 
 
 def _sent(folder: Path, name: str | None) -> str | None:
-    """A name, or the file that came with the task."""
-    return str(folder / name) if name is not None and (folder / name).is_file() else name
+    """Names with commas between them, those of files that came with the task by their places."""
+    return name and ",".join(str(folder / part) if (folder / part).is_file() else part for part in name.split(","))
 
 
 def _heading(task: Task) -> Row:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +21,8 @@ from bracket_cell.configuration import (
     load_product,
     simulated,
 )
-from bracket_cell.device_settings import OwnDevice
 from bracket_cell.fleet.store import is_address
-from bracket_cell.kinds import DETECTORS, WEIGHTS, files_of
+from bracket_cell.kinds import DETECTORS, files_of
 from bracket_cell.recording.identity import code_version
 from bracket_cell.runs.heading import robot_files
 from bracket_cell.simulator import simulator
@@ -32,11 +32,12 @@ from bracket_ground.errors import InputError
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
 from bracket_ground.files.yaml_file import load_yaml, read_data
-from bracket_ground.interfaces.devices import ROLES
 from btxml.files.parse.xml_file import plain_files
 
 MOST_RUNS = 10_000_000
 MOST_SENT_BYTES = 32_000_000
+YAML = (".yaml", ".yml")
+NOT_SENT = ("robot", "nodes", "log", "page", "plant")  # keys of a configuration: what they name goes otherwise, or not
 Packed = tuple[str, str, tuple[tuple[str, bytes], ...], tuple[str, ...], tuple[str, ...]]
 
 
@@ -59,8 +60,8 @@ class Sweep(Model):
         seeds: of every combination; the same for all, so that runs can be compared in pairs.
         trees: tree files, relative to this file.
         configurations: configuration files, relative to this file.
-        people: who stands at the bench, names or files; null for the configuration's.
-        looks: what the simulated cell looks like, names or files; null for the configuration's.
+        people: who stands at the bench, names, or files relative to this file; null for the configuration's.
+        looks: what the simulated cell looks like, names or files, likewise; null for the configuration's.
         goals: what the person assembles, or random.
         faults: FAULT@STATE, a fault that is put in; null for none.
         pixels: render what the cameras see; without, hands, holes and parts come from the truth, several times faster.
@@ -134,7 +135,13 @@ def load_sweep(path: Path) -> Sweep:
     folder = path.resolve().parent
     trees = tuple((folder / tree).resolve() for tree in sweep.trees)
     configurations = tuple((folder / configuration).resolve() for configuration in sweep.configurations)
-    return sweep.model_copy(update={"trees": trees, "configurations": configurations})
+    others = {name: tuple(_beside(folder, text) for text in getattr(sweep, name)) for name in ("people", "looks")}
+    return sweep.model_copy(update={"trees": trees, "configurations": configurations, **others})
+
+
+def _beside(folder: Path, names: str | None) -> str | None:
+    """Names of people or looks, those that are files in a folder by their whole paths."""
+    return names and ",".join(str(file) if (file := folder / name).is_file() else name for name in names.split(","))
 
 
 def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep_one_in: int = 1) -> Iterator[Task]:
@@ -148,14 +155,11 @@ def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep
     Raises:
         InputError: a tree, a configuration or what else is named cannot be used.
     """
-    own = _node_files(nodes)
+    given = tuple(nodes)
     packed = {
-        (tree, configuration): _packed(sweep, tree, configuration, own)
+        (tree, configuration): _packed(sweep, tree, configuration, given)
         for tree, configuration in itertools.product(sweep.trees, sweep.configurations)
     }
-    for fault in sweep.faults:
-        if fault is not None:
-            simulator().injected(fault)
     folder = logs if logs is None or is_address(logs) else str(Path(logs).resolve())
     return _tasks(sweep, packed, folder, keep_one_in)
 
@@ -172,6 +176,7 @@ def count(sweep: Sweep) -> int:
 def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | None, keep_one_in: int) -> Iterator[Task]:
     first = sweep.seeds.first
     trees, configurations = apart(sweep.trees), apart(sweep.configurations)
+    others = apart(_files_of(sweep.people, sweep.looks))
     for seed in range(first, first + sweep.seeds.count):
         for pair, person, look, goal, fault in itertools.product(
             itertools.product(sweep.trees, sweep.configurations), sweep.people, sweep.looks, sweep.goals, sweep.faults
@@ -179,15 +184,16 @@ def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | No
             tree, configuration, files, nodes, made_of = packed[pair]
             names = {"tree": trees[pair[0]], "configuration": configurations[pair[1]]}
             named = {**names, "person": person, "look": look}
-            label = tuple((name, value or "as configured") for name, value in named.items())
+            label = tuple((name, _each(value, others) or "as configured") for name, value in named.items())
+            away = {file: _sent_as(file) for file in others}
             yield Task(
                 tree,
                 configuration,
                 files,
                 seed,
                 goal,
-                person,
-                look,
+                _each(person, away),
+                _each(look, away),
                 fault,
                 sweep.max_duration_s,
                 (*label, ("goal_asked", goal), ("fault", fault or "")),
@@ -199,76 +205,105 @@ def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | No
             )
 
 
-def _packed(sweep: Sweep, tree: Path, path: Path, own: Mapping[str, Path]) -> Packed:
-    """Texts of a tree and a configuration with all that they name, in a folder of their own."""
+def _packed(sweep: Sweep, tree: Path, path: Path, given: Sequence[str]) -> Packed:
+    """Texts of a tree and a configuration with all that they name, which lie to one another as they do here."""
     configuration = load_configuration(path)
     product = load_product(configuration, path)
     for person, look in itertools.product(sweep.people, sweep.looks):
         simulated(configuration, look, person)
+    for fault in filter(None, sweep.faults):
+        simulator().injected(fault, len(configuration.robot.joints))
     for goal in sweep.goals:
         if goal != "random" and goal not in product.goals:
             raise InputError(f"unknown goal '{goal}'; legal: {', '.join(product.goals)}, random")
-    loaded = load_tree(tree, node_registry(product, map(str, own.values()), configuration))
+    own = _node_files([*given, *(name for name in configuration.nodes if Path(name).exists())])
+    loaded = load_tree(tree, node_registry(product, given, configuration))
     folder = tree.resolve().parent
     files = {f"trees/{_inside(part, folder)}": text.encode() for part, text in loaded.texts.items()}
-    config_folder = path.resolve().parent
-    semantic = configuration.planners.semantic
-    read = (configuration.product, configuration.faults, semantic.goals, semantic.confusions)
-    named = (*read, *_beside(configuration, path))
-    for named_file in (*sweep.people, *sweep.looks):
-        if named_file is not None and Path(named_file).is_file():
-            files[named_file] = Path(named_file).read_bytes()
-    for file in (path, *(other for other in named if other is not None and other.exists())):
-        if file.resolve().is_relative_to(config_folder):
-            files[f"config/{file.resolve().relative_to(config_folder)}"] = file.read_bytes()
+    files |= {_sent_as(file): file.read_bytes() for file in _files_of(sweep.people, sweep.looks)}
     files |= {name: file.read_bytes() for name, file in own.items()}
-    _send_robot(configuration, path, files)
     weights = [file for name in DETECTORS for file in configuration.perception.files(name).values()]
     weights += [file for name, planner in configuration.planners for file in files_of(name, planner).values()]
     made_of = [f"commit {' '.join(code_version().values())}"]
-    for file in dict.fromkeys(file.resolve() for file in weights):
+    for file in dict.fromkeys(weights):
         if not file.is_file():
             raise InputError(f"{path}: names weights {file}, which are not there")
         made_of.append(_digest(file.read_bytes()))
-        if not file.is_relative_to(WEIGHTS.resolve()):  # what is shipped every worker has
-            _send(file, path, files)
+    path = path.parent.resolve() / path.name
+    named = _named(path, {})
+    sent = [*filter(Path.is_file, named), *(file for file in map(Path.resolve, weights) if file.parent in named)]
+    top = Path(os.path.commonpath([file.parent for file in sent]))
+    names = {file: f"config/{file.relative_to(top)}" for file in sent}
+    files |= {name: _content(file, named) for file, name in names.items()}
+    _send_robot(configuration, path, names[path], files)
     if (size := sum(map(len, files.values()))) > MOST_SENT_BYTES:
         raise InputError(f"{path}: with its weights each run takes {size} bytes along; legal: up to {MOST_SENT_BYTES}")
-    names = f"trees/{tree.name}", f"config/{path.name}"
-    return *names, tuple(sorted(files.items())), tuple(sorted(own)), tuple(made_of)
+    return f"trees/{tree.name}", names[path], tuple(sorted(files.items())), tuple(sorted(own)), tuple(made_of)
 
 
-def _send_robot(configuration: Configuration, path: Path, files: dict[str, bytes]) -> None:
+def _send_robot(configuration: Configuration, path: Path, name: str, files: dict[str, bytes]) -> None:
     """Take a robot of one's own along, with URDF and meshes, as a log does."""
-    name = f"config/{path.name}"
     written = read_data(path, files[name].decode())
     if (path.parent / str(written.get("robot", ""))).is_file():
-        files.update({f"config/sent/{file}": sent for file, (_, sent) in robot_files(configuration.robot).items()})
+        folder = Path(name).parent
+        files.update({f"{folder}/sent/{file}": sent for file, (_, sent) in robot_files(configuration.robot).items()})
         files[name] = yaml.safe_dump({**written, "robot": "sent/robot.yaml"}).encode()
 
 
-def _send(file: Path, path: Path, files: dict[str, bytes]) -> None:
-    """Take weights along: at their place beside the configuration, or in a folder of their own below it."""
-    folder = path.resolve().parent
-    if file.is_relative_to(folder):
-        files[f"config/{file.relative_to(folder)}"] = file.read_bytes()
-        return
-    beside = _digest(str(file.parent).encode())[:16]  # what stood in one folder still does
-    name, configuration = f"sent/{beside}/{file.name}", f"config/{path.name}"
-    files[f"config/{name}"] = file.read_bytes()
-    moved = _moved(read_data(path, files[configuration].decode()), folder, file, name)
-    files[configuration] = yaml.safe_dump(moved).encode()
+def _named(file: Path, found: dict[Path, None]) -> dict[Path, None]:
+    """A file and, where it is YAML, all files and folders that it and those name."""
+    found[file] = None
+    if file.suffix in YAML and file.is_file():
+        for text in _texts(read_data(file, read_text(file))):
+            module = f"{text.partition(':')[0].replace('.', '/')}.py" if ":" in text else text
+            for other in ((file.parent / name).resolve() for name in (text, module)):
+                if other not in found and os.access(other, os.R_OK):
+                    _named(other, found)
+    return found
 
 
-def _moved(value: object, folder: Path, file: Path, name: str) -> object:
-    """A configuration that names a file, or its folder, by its new name."""
+def _texts(value: object) -> Iterator[str]:
+    """All texts of what a YAML file says."""
     if isinstance(value, dict):
-        return {key: _moved(item, folder, file, name) for key, item in value.items()}
+        value = [item for key, item in value.items() if key not in NOT_SENT]
     if isinstance(value, list):
-        return [_moved(item, folder, file, name) for item in value]
-    if isinstance(value, str) and value and (folder / value).resolve() in (file, file.parent):
-        return name if (folder / value).resolve() == file else str(Path(name).parent)
+        yield from itertools.chain.from_iterable(map(_texts, value))
+    elif isinstance(value, str) and value:
+        yield value
+
+
+def _content(file: Path, named: Collection[Path]) -> bytes:
+    """What is sent of a file: names of others as they are seen from it, and no nodes, which come by themselves."""
+    content = file.read_bytes()
+    written = read_data(file, content.decode()) if file.suffix in YAML else None
+    moved = _moved(written, file.parent, named)
+    return content if moved == written else yaml.safe_dump(moved).encode()
+
+
+def _moved(value: object, folder: Path, named: Collection[Path]) -> object:
+    if isinstance(value, dict):
+        kept = {key: item for key, item in value.items() if key != "nodes"}
+        return {key: item if key in NOT_SENT else _moved(item, folder, named) for key, item in kept.items()}
+    if isinstance(value, list):
+        return [_moved(item, folder, named) for item in value]
+    if isinstance(value, str) and value and (file := (folder / value).resolve()) in named:
+        return os.path.relpath(file, folder)
     return value
+
+
+def _files_of(*named: Iterable[str | None]) -> list[Path]:
+    """Files among names of people and looks; persons with commas between them take turns."""
+    texts = (text for names in named for name in names if name for text in name.split(","))
+    return [file for file in map(Path, dict.fromkeys(texts)) if file.is_file()]
+
+
+def _each(names: str | None, others: Mapping[Path, str]) -> str | None:
+    """Names with commas between them, files among them by other names."""
+    return names and ",".join(others.get(Path(name), name) for name in names.split(","))
+
+
+def _sent_as(file: Path) -> str:
+    return f"people/{_digest(file.read_bytes())[:16]}/{file.name}"
 
 
 def _node_files(nodes: Iterable[str]) -> dict[str, Path]:
@@ -283,7 +318,7 @@ def _node_files(nodes: Iterable[str]) -> dict[str, Path]:
         if not path.exists() or (path.is_file() and path.suffix != ".py"):
             raise InputError(f"--with {node}: only Python files, and folders with them, are sent to workers")
         for file in plain_files(path, "*.py") if path.is_dir() else [path]:
-            found[f"nodes/{file.name}"] = file
+            found[f"nodes/{_digest(str(file.parent).encode())[:8]}/{file.name}"] = file
     return found
 
 
@@ -301,18 +336,6 @@ def apart(paths: Iterable[Path]) -> dict[Path, str]:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _beside(configuration: Configuration, path: Path) -> Iterator[Path]:
-    """What a configuration names next to itself and, once loaded, holds no path of: simulator and drivers."""
-    written = read_data(path, read_text(path))
-    devices = written.get("devices", {})
-    if (name := devices.get("simulation")) is not None:
-        yield path.parent / name
-    for role in ROLES:
-        device = getattr(configuration.devices, role)
-        if isinstance(device, OwnDevice):
-            yield path.parent / f"{device.kind.partition(':')[0].replace('.', '/')}.py"
 
 
 def _inside(file: Path, folder: Path) -> Path:

@@ -17,9 +17,9 @@ from typing import Any
 import psutil
 import pytest
 
-from bracket_cell.configuration import DEFAULT_CONFIGURATION
-from bracket_cell.fleet.one_run import run_here
-from bracket_cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, apart, count, load_sweep, tasks
+from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product, simulated
+from bracket_cell.fleet.one_run import _sent, run_here
+from bracket_cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, Task, apart, count, load_sweep, tasks
 from bracket_cell.fleet.table import read_table
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.robot import FOLDER
@@ -27,6 +27,8 @@ from tests.arms import NEARER, cell_file, robot_file
 
 WALL = ("peak", "wall", "took", "cpu", "real_time", "overruns", "late", "log", "contact_sheet")
 WORKER = re.compile(r"spawn_main|one_run import serve")
+LEAF = "from btxml import Node, Status\n\nclass Settles(Node):\n    def update(self):\n        return Status.SUCCESS\n"
+TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Settles/></BehaviorTree></root>'
 SPEC = "seeds: {first: 3, count: 3}\nmax_duration_s: 0.3\ngoals: [g0, g1]\n"
 
 
@@ -141,8 +143,8 @@ def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) 
         sent = dict(task.files)
         [name] = [one for one in sent if one.endswith("grasp.onnx")]
         assert sent[name] == content
-        assert name.removeprefix("config/") in sent[task.configuration].decode()
-        assert task.nodes == ("nodes/mine.py",)
+        assert "../own/grasp.onnx" in sent[task.configuration].decode()
+        assert [Path(node).name for node in task.nodes] == ["mine.py"]
         keys.append(task.key)
     assert keys[0] != keys[1]
     weights.write_bytes(bytes(MOST_SENT_BYTES + 1))
@@ -151,6 +153,64 @@ def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) 
     weights.unlink()
     with pytest.raises(InputError, match="which are not there"):
         list(tasks(Sweep(configurations=(configuration,))))
+
+
+EXAMPLES = sorted((DEFAULT_CONFIGURATION.parent / "examples").glob("*/cell.yaml"))
+
+
+@pytest.mark.parametrize("config", EXAMPLES, ids=lambda path: path.parent.name)
+def test_what_a_configuration_names_travels_with_a_run(config: Path, tmp_path: Path) -> None:
+    """Grippers, meshes, products in other folders: a worker has nothing but the package."""
+    [task] = tasks(Sweep(configurations=(config,)))
+    there = unpacked(task, tmp_path)
+    configuration = load_configuration(there)
+    assert load_product(configuration, there) == load_product(load_configuration(config), config)
+    assert configuration.robot.gripper == load_configuration(config).robot.gripper
+
+
+def test_files_anywhere_and_nodes_of_a_configuration_travel_with_a_run(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    for name in ("cell.yaml", "products.yaml", "sim.yaml"):
+        shutil.copy(DEFAULT_CONFIGURATION.parent / name, tmp_path / name)
+    product = (tmp_path / "products.yaml").rename(tmp_path / "mine" / "product.yaml")
+    (tmp_path / "mine" / "leaves.py").write_text(LEAF)
+    text = (tmp_path / "cell.yaml").read_text()
+    text = text.replace("product: products.yaml", f"nodes: [mine]\nproduct: {product}", 1)
+    (tmp_path / "cell.yaml").write_text(text)
+    tree = tmp_path / "mine" / "tree.xml"
+    tree.write_text(TREE)
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("trees: [mine/tree.xml]\nconfigurations: [cell.yaml]\nmax_duration_s: 1\npixels: false\n")
+    [task] = tasks(load_sweep(spec))
+    shutil.rmtree(tmp_path / "mine")  # a worker has none of it
+    row = run_here(task)
+    assert (row["end"], row["reason"]) == ("finished", "the tree succeeded")
+
+
+def test_people_are_files_beside_the_sweep_and_come_back_to_no_file(tmp_path: Path) -> None:
+    (tmp_path / "me.yaml").write_text("pace: [2, 2]\n")
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("people: [me.yaml, 'seated,me.yaml', careful]\n")
+    found = list(tasks(load_sweep(spec)))
+    assert [dict(task.label)["person"] for task in found] == ["me.yaml", "seated,me.yaml", "careful"]
+    for task in found:
+        assert all(Path(name).parts[0] in ("config", "people", "trees") for name, _ in task.files)
+        there = unpacked(task, tmp_path / task.key)
+        people = _sent(there.parent.parent, task.person)
+        simulation: Any = simulated(load_configuration(), None, people).devices.simulation
+        paces = [person.pace for person in simulation.people]
+        assert paces in ([], [(0.6, 0.8), (2.0, 2.0)])
+    (tmp_path / "me.yaml").write_text("pace: [3, 3]\n")
+    keys = [task.key for task in tasks(load_sweep(spec))]
+    assert not {*keys} & {task.key for task in found}
+
+
+def unpacked(task: Task, folder: Path) -> Path:
+    """The configuration of a task among its files, as a worker writes them."""
+    for name, content in task.files:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return folder / task.configuration
 
 
 def _ended(summary: dict[str, Any]) -> Any:

@@ -109,8 +109,11 @@ class Simulator(Protocol):
         """The name of what renders here, and what to do where nothing does; empty where all is well."""
         ...
 
-    def injected(self, text: str) -> Any:
+    def injected(self, text: str, joints: int) -> Any:
         """Faults to put into a run (a `running.inference.FaultInjection`), from FAULT@STATE[,FAULT@STATE...].
+
+        Args:
+            joints: how many the arm has.
 
         Raises:
             InputError: there is no such fault or state.

@@ -42,15 +42,15 @@ def changed(settings: Model, look: str | None = None, person: str | None = None,
     return settings.model_copy(update=changes)
 
 
-def injected(text: str) -> Injection | Injections:
-    """Faults to put into a run, from FAULT@STATE[,FAULT@STATE...].
+def injected(text: str, joints: int) -> Injection | Injections:
+    """Faults to put into a run, from FAULT@STATE[,FAULT@STATE...], for an arm of so many joints.
 
     Raises:
         InputError: there is no such fault or state.
     """
     from bracket_sim.faults.injection import Injection
 
-    return Injection.parse(text)
+    return Injection.parse(text, joints)
 
 
 def attachments(settings: Model, seed: int) -> dict[str, tuple[str, bytes]]:

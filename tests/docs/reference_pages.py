@@ -62,7 +62,7 @@ is right.
 |---|---|---|---|---|
 """
 BY_SIGNAL = """
-And any DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint from 0 to 5 and a size in the signal's unit, as a factor, in
+And any DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint from 0 on and a size in the signal's unit, as a factor, in
 seconds, or as the value that another device tells. `cut` is a part of the value, `refused` an exception. `--drawn`
 draws the kinds of this table:
 

@@ -107,8 +107,9 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
     if options.brackets is not None:
         configuration = for_shift(configuration, options.brackets)
     configuration = options.adjusted(configuration)
-    if options.inject is not None:
-        simulator().injected(options.inject)  # before a file is touched
+    injection: FaultInjection | None = None
+    if options.inject is not None:  # before a file is touched
+        injection = simulator().injected(options.inject, len(configuration.robot.joints))
     with located(options.configuration, configuration):
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
@@ -136,7 +137,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
             files = replace(files, signature=required_signature(options.configuration, files.safety))
         console.print(f"safety configuration {files.signed}", highlight=False, soft_wrap=True)
         assemble = partial(RunParts, options, files, motion, drivers, keeper, log, console)
-        return _run(assemble, options, files, motion, log, watchdog)
+        return _run(assemble, options, files, motion, log, watchdog, injection)
 
 
 def _keeper(options: RunOptions, configuration: Configuration, product: Product, log: Path) -> Bookkeeper:
@@ -186,8 +187,8 @@ def _run(
     motion: MotionPlanner,
     log: Path,
     watchdog: Watchdog,
+    injection: FaultInjection | None,
 ) -> RunResult:
-    injection: FaultInjection | None = None if options.inject is None else simulator().injected(options.inject)
     with ExitStack() as stack:
         parts = assemble(stack)
         parts.say_unsafe()

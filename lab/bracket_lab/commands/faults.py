@@ -12,6 +12,7 @@ from typer import Option
 
 from bracket_cell.commands.options import command_from
 from bracket_cell.commands.terminal import console, print_json
+from bracket_cell.configuration import load_configuration
 from bracket_cell.fleet.engine import mapped
 from bracket_ground.files.row_store import Row, RowStore
 from bracket_lab.commands.shared import Shared
@@ -46,7 +47,8 @@ def faults(
         return _assemblies(shared, drawn or OF_ASSEMBLY)
     if drawn:
         return _drawn(shared, drawn)
-    screen, pairs, seeds = console(), chosen(fault, state), shared.numbers
+    joints = len(load_configuration(shared.config, rested=False).robot.joints)
+    screen, pairs, seeds = console(), chosen(fault, state, joints), shared.numbers
     heading = {"command": "faults", "pixels": shared.pixels, "config": str(shared.config)}
     kept = RowStore(shared.out, ["fault", "state", "seed"], heading)
 

@@ -50,11 +50,10 @@ assert {*EVERY_STATE} == {*STATES, *OTHER_STATES}
 Pairs = Mapping[str, Sequence[str]]
 
 
-def chosen(faults: Sequence[str] | None, states: Sequence[str] | None) -> Pairs:
-    """Faults by state: those that are named, or all; raises InputError for a name that there is not."""
+def chosen(faults: Sequence[str] | None, states: Sequence[str] | None, joints: int | None = None) -> Pairs:
+    """Faults by state: those that are named, or all; raises InputError for one that there is not in such an arm."""
     for fault in faults or ():
-        if states is None:
-            signals_of(fault)
+        signals_of(fault, joints)
         for state in states or ():
             Injection(fault, state)
     pairs = {state: tuple(name for name in faults or FAULTS if _comes(name, state)) for state in states or EVERY_STATE}

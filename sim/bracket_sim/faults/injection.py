@@ -103,9 +103,11 @@ class Injection(FaultInjection):
         self._upset: Callable[[str], None] = lambda _: None
 
     @classmethod
-    def parse(cls, text: str) -> Injection | Injections:
-        """Of the option `--inject FAULT@STATE[,FAULT@STATE...]`."""
+    def parse(cls, text: str, joints: int | None = None) -> Injection | Injections:
+        """Of the option `--inject FAULT@STATE[,FAULT@STATE...]`, for an arm of so many joints where that is known."""
         pairs = [entry.partition("@") for entry in text.split(",")]
+        for fault, _, _ in pairs:
+            signals_of(fault, joints)
         found = [cls(fault or "nothing", state or "carry") for fault, _, state in pairs]
         return found[0] if len(found) == 1 else Injections(found)
 

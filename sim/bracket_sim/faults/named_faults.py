@@ -69,9 +69,9 @@ def _stops(what: str, *signals: str, unseen_in: str = "") -> FaultKind:
 FAULTS: dict[str, FaultKind] = {
     "arm_frozen": _stops("the arm's state does not change any more, its time stamp neither", "arm.answer:stuck"),
     "arm_restamped": _stops("the arm's state does not change any more, but has new stamps", "arm.state:stuck"),
-    "arm_nan": _stops("the arm's joints are not numbers", *(f"arm.positions_rad.{joint}:lost" for joint in range(6))),
+    "arm_nan": _stops("the arm's joints are not numbers", "arm.positions_rad:nan"),
     "arm_velocity_nan": _stops("one joint's speed is not a number", "arm.velocities_rad_s.3:lost"),
-    "arm_five_joints": _stops("the arm reports five joints", "arm.positions_rad:cut"),
+    "arm_five_joints": _stops("the arm reports a joint too few", "arm.positions_rad:cut"),
     "arm_offset": _stops(
         "the arm reports its base joint 0.03 rad off", "arm.positions_rad.0:offset:0.03", unseen_in=ASKING
     ),
@@ -185,14 +185,17 @@ FAULTS: dict[str, FaultKind] = {
 }
 
 
-def signals_of(fault: str) -> tuple[SignalFault, ...]:
+def signals_of(fault: str, joints: int | None = None) -> tuple[SignalFault, ...]:
     """What is wrong with devices in a fault: one with a name, or one as data.
 
     Raises:
-        InputError: it is neither.
+        InputError: it is neither, or in a joint that an arm of so many does not have.
     """
     if not fault or fault in FAULTS:
         return tuple(SignalFault.parse(text) for text in (FAULTS[fault].signals if fault else ()))
     if ":" not in fault:
         raise InputError(f"unknown fault {fault!r}; legal: {', '.join(FAULTS)}, or DEVICE.SIGNAL:KIND[:SIZE]")
-    return (SignalFault.parse(fault),)
+    found = SignalFault.parse(fault)
+    if joints is not None and found.joint is not None and found.joint >= joints:
+        raise InputError(f"{fault!r}: the arm has joints 0 to {joints - 1}")
+    return (found,)

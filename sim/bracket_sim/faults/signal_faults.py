@@ -135,7 +135,20 @@ DETECTED: dict[str, Spread] = {  # what detectors answer
     "part.position_m": Spread(AT_ONCE, 0.02, (-FAR_M, FAR_M)),
     "overhead.depth_mm": Spread((*FRAME, "scaled", "offset"), 40.0),
 }
-MORE = ("bus.frames", "arm.acknowledge", "wrist.image", "overhead.sequence", "wrist.sequence")  # that are not drawn
+OF_JOINTS = ("positions_rad", "velocities_rad_s", "follow")
+OF_GRIPPER = ("GripperStatus", "GripperHeartbeat", "GripperEmergency", "GripperCommand")
+IMAGE: tuple[Kind, ...] = (*FRAME, "scaled", "offset")
+JOINTS: tuple[Kind, ...] = ("nan", "infinite", "jumps", "cut")
+UNDRAWN: Mapping[str, tuple[Kind, ...]] = {  # kinds that only people ask for
+    **dict.fromkeys(("arm.positions_rad", "arm.velocities_rad_s"), JOINTS),
+    **dict.fromkeys(("arm.answer", "arm.pace", "arm.stop", "overhead.frame", "wrist.frame"), ("refused",)),
+    **{f"bus.{frame}": ("cut",) for frame in OF_GRIPPER},
+    "arm.follow": ("cut", "refused"),
+    "arm.acknowledge": ("late", "repeated", "lost", "refused"),
+    "bus.frames": ("stuck", "late", "repeated", "flipped", "lost", "cut", "refused"),
+    "wrist.image": IMAGE,
+    **dict.fromkeys(("overhead.sequence", "wrist.sequence"), ("stuck", "late", "repeated")),
+}
 ORDERS = ("follow", "pace", "stop", "acknowledge")  # to the arm
 
 
@@ -145,7 +158,7 @@ class SignalFault:
     Args:
         signal: a field of a state, or a register of a CAN frame.
         size: of an offset in the signal's unit, as a factor, in seconds; or a value that another device would tell.
-        joint: of a signal that has six values the only one; None for all.
+        joint: of a signal that has a value for each joint the only one; None for all.
 
     Attributes:
         device: "arm", "bus", "overhead", "wrist" or "panel"; of answers "bench", "hand", "hole", "parts" or "part".
@@ -169,14 +182,19 @@ class SignalFault:
         name, kind, *sizes = text.split(":")
         device, _, rest = name.partition(".")
         signal, _, joint = rest.partition(".")
-        legal = (*SIGNALS, *DETECTED, *MORE)
-        if f"{device}.{signal}" not in legal:
-            raise InputError(f"unknown signal {name!r}; legal: {', '.join(legal)}")
-        if kind not in ANY:
-            raise InputError(f"unknown kind of fault {kind!r} in {text!r}; legal: {', '.join(ANY)}")
-        if len(sizes) > 1 or (joint and not (joint.isdecimal() and int(joint) < 6)):
-            raise InputError(f"{text!r}: must be DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint from 0 to 5")
-        return SignalFault(signal, ANY[ANY.index(kind)], _size(sizes), int(joint) if joint else None, device)
+        known, asked = SIGNALS | DETECTED, f"{device}.{signal}"
+        if asked not in {**known, **UNDRAWN}:
+            raise InputError(f"unknown signal {name!r}; legal: {', '.join({**known, **UNDRAWN})}")
+        kinds = (*known.get(asked, Spread(())).kinds, *UNDRAWN.get(asked, ()))
+        if kind not in kinds:
+            raise InputError(f"{text!r}: no kind of fault in {asked} is {kind!r}; legal: {', '.join(kinds)}")
+        if len(sizes) > 1 or (joint and not (joint.isdecimal() and signal in OF_JOINTS)):
+            of = ", ".join(f"arm.{name}" for name in OF_JOINTS)
+            raise InputError(f"{text!r}: must be DEVICE.SIGNAL[.JOINT]:KIND[:SIZE], with a joint, from 0 on, of {of}")
+        fault = SignalFault(signal, ANY[ANY.index(kind)], _size(sizes), int(joint) if joint else None, device)
+        if legal := _wrong_size(fault, known.get(asked, Spread(())).foreign):
+            raise InputError(f"{text!r}: the size of {kind} must be {legal}")
+        return fault
 
     @property
     def name(self) -> str:
@@ -273,7 +291,7 @@ class SignalFault:
             return JointTrajectory(path.times_s[:half], path.positions_rad[:half])
         if self.kind == "flipped":
             return replace(path, positions_rad=2 * path.positions_rad[0] - path.positions_rad)
-        off: Array = np.zeros(6)
+        off: Array = np.zeros(path.positions_rad.shape[1])
         off[0 if self.joint is None else self.joint] = self.number
         leaves = np.minimum(path.times_s / RAMP_S, 1.0)[:, np.newaxis]
         return replace(path, positions_rad=path.positions_rad + leaves * off)
@@ -295,8 +313,7 @@ def drawn_fault(rng: np.random.Generator, signals: Mapping[str, Spread] = SIGNAL
     name = str(rng.choice(list(signals)))
     spread, (device, _, signal) = signals[name], name.partition(".")
     kind = ANY[ANY.index(str(rng.choice(list(spread.kinds))))]
-    many = signal in ("positions_rad", "velocities_rad_s", "follow")
-    joint = int(rng.integers(6)) if many and kind in ("offset", "foreign") else None
+    joint = int(rng.integers(6)) if signal in OF_JOINTS and kind in ("offset", "foreign") else None
     return SignalFault(signal, kind, _drawn_size(rng, kind, spread), joint, device)
 
 
@@ -321,3 +338,17 @@ def _size(texts: Sequence[str]) -> float | str | None:
         return float(texts[0]) if texts else None
     except ValueError:
         return texts[0]
+
+
+def _wrong_size(fault: SignalFault, foreign: Sequence[float | str]) -> str:
+    """What the size must be, where it cannot be used; empty where it can."""
+    number = isinstance(fault.size, float) and math.isfinite(fault.size)
+    if fault.kind == "foreign" and not number:
+        if fault.signal in OF_GRIPPER:
+            register, _, value = str(fault.size).partition("=")
+            return "" if register and isinstance(_size([value]), float) else "REGISTER=NUMBER"
+        words = [word for word in foreign if isinstance(word, str)]
+        return "" if fault.size in words or fault.signal == "part" else ", ".join(words) or "a number"
+    least = 1e-3 if (fault.signal, fault.kind) == ("follow", "scaled") else 0.0  # of a path's times
+    bounded = fault.kind in ("late", "early") or least > 0
+    return "" if number and (fault.number >= least or not bounded) else f"a number{f', {least:g} or more' * bounded}"

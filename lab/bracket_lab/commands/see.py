@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import islice, pairwise
@@ -25,9 +26,10 @@ from bracket_ground.errors import InputError
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.observation import Image
-from bracket_ground.interfaces.perception import BenchView, HandTracker
+from bracket_ground.interfaces.perception import BenchView, HandSample, HandTracker
 from bracket_ground.interfaces.product import Product
 from bracket_lab.evaluations.detections import (
+    ASSUMED_HEIGHT_M,
     PICTURE_SUFFIXES,
     VIDEO_SUFFIX,
     PictureWriter,
@@ -44,6 +46,7 @@ Size = tuple[int, int]  # height and width [px]
 
 CAMERAS = ("overhead", "wrist")
 MOST_FROM_CAMERA = 150  # ten seconds
+JUMP_M = 0.08  # of a palm from one frame to the next: rather to another hand than by moving
 
 
 def see(
@@ -92,15 +95,15 @@ def see(
     with PictureWriter(target, opened.rate_hz / every, overwrite=overwrite) as writer:
         looks = [partial(_look, image, product, camera, opened.follows) for image in each]
         rows_of = _seen(opened, most, every, writer, looks)
-    rows = {"frames": len(rows_of[0])}
+    rows: dict[str, object] = {"frames": len(rows_of[0])}
     for name, frames_told in zip(trackers, rows_of, strict=True):
-        counts = _of_hands(frames_told) if camera == "overhead" else {}
+        counts = _of_hands(frames_told, opened.follows) if camera == "overhead" else {}
         rows |= {f"{name}: {what}" if len(rows_of) > 1 else what: count for what, count in counts.items()}
     console().print(table(str(target), rows))
     if as_json:
         beside = {str(name): frames_told for name, frames_told in zip(trackers[1:], rows_of[1:], strict=True)}
-        answer = {"source": source, "written": [str(file) for file in writer.written], "frames": rows_of[0]}
-        print_json(answer | ({"beside": beside} if beside else {}))
+        answer = {"source": source, "written": [str(file) for file in writer.written], "summary": rows}
+        print_json(answer | {"frames": rows_of[0]} | ({"beside": beside} if beside else {}))
 
 
 def _fitted(configuration: Configuration, product: Product, *, real: bool) -> Configuration:
@@ -138,12 +141,28 @@ def _seen(
     return rows_of
 
 
-def _of_hands(frames: list[dict[str, Any]]) -> dict[str, int]:
-    """In how many frames hands are seen, and how often the one that works was lost."""
-    there = [bool(row.get("hand")) for row in frames]
-    lost = sum(before and not now for before, now in pairwise(there))
-    beside = sum(bool(row.get("other_hands")) for row in frames)
-    return {"with a hand at work": sum(there), "times that it was lost": lost, "with other hands": beside}
+def _of_hands(frames: list[dict[str, Any]], follows: bool) -> dict[str, object]:
+    """In how many frames hands are seen, and, where frames follow each other, how steadily the one that works is."""
+    hands = [row["hand"] for row in frames]
+    counts: dict[str, object] = {
+        "with a hand at work": sum(map(bool, hands)),
+        "with other hands": sum(bool(row["other_hands"]) for row in frames),
+    }
+    if not follows:
+        return counts
+    palms_px = [row["palm_px"] for row in frames]
+    off_px = [
+        math.dist(now, np.add(before, after) / 2)
+        for before, now, after in zip(palms_px, palms_px[1:], palms_px[2:], strict=False)
+        if before and now and after
+    ]
+    steps_m = [math.dist(old["palm_m"], new["palm_m"]) for old, new in pairwise(hands) if old and new]
+    counts["times that it was lost"] = sum(bool(old and not new) for old, new in pairwise(hands))
+    counts[f"jumps of its palm over {1000 * JUMP_M:.0f} mm"] = sum(step_m > JUMP_M for step_m in steps_m)
+    if off_px:  # from the middle between the frames before and after
+        median_px, most_px = np.percentile(off_px, (50, 95)).round(1).tolist()
+        counts["jitter of its palm [px]"] = {"median": median_px, "95 %": most_px}
+    return counts
 
 
 def _chosen(configuration: Configuration, hands: str | None, kind: str | None) -> Configuration:
@@ -193,7 +212,8 @@ def _look(configuration: Configuration, product: Product, camera: str, follows: 
 
     def whole(frame: Frame) -> tuple[dict[str, Any], Image]:
         view = watch(frame)
-        return plain(view) | _doubts(tracker), drawn_bench(frame, view, bench, product, _doubtful(tracker))
+        drawn = drawn_bench(frame, view, bench, product, _doubtful(tracker))
+        return plain(view) | _of_tracker(tracker, bench, frame, view.hand), drawn
 
     return whole
 
@@ -215,7 +235,7 @@ def _hands_alone(bench: Bench, product: Product, perception: Perception) -> Look
         hand = tracker.track(frame)
         seen = {"sequence": frame.sequence, "time_s": frame.time_s, "hand": hand, "other_hands": tracker.others}
         drawn = drawn_hands(frame, bench, hand, tracker.others, _doubtful(tracker))
-        return plain(seen) | _doubts(tracker), drawn
+        return plain(seen) | _of_tracker(tracker, bench, frame, hand), drawn
 
     return look
 
@@ -224,8 +244,11 @@ def _doubtful(tracker: HandTracker) -> Sequence[Reading]:
     return tracker.doubtful if isinstance(tracker, HandTracks) else ()
 
 
-def _doubts(tracker: HandTracker) -> dict[str, Any]:
-    """What the tracker read and does not believe."""
-    return {
-        "doubtful": [{"box_px": reading.box_px, "confidence": reading.confidence} for reading in _doubtful(tracker)]
-    }
+def _of_tracker(tracker: HandTracker, bench: Bench, frame: Frame, hand: HandSample | None) -> dict[str, Any]:
+    """Where the palm is in the image, and what the tracker read and does not believe."""
+    doubtful = [{"box_px": reading.box_px, "confidence": reading.confidence} for reading in _doubtful(tracker)]
+    if hand is None:
+        return {"palm_px": None, "doubtful": doubtful}
+    height_m = ASSUMED_HEIGHT_M if hand.height_m is None else hand.height_m
+    palm_px = bench.overhead.model.project(frame.world_from_camera, np.array([[*hand.palm_m, height_m]]))[0]
+    return {"palm_px": palm_px.round(2).tolist(), "doubtful": doubtful}

@@ -24,7 +24,8 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_ground.interfaces.product import Product
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
-VIDEOS = (".mp4", ".m4v", ".mpg", ".avi", ".mov", ".mkv", ".webm", ".wmv", ".gif")
+VIDEOS = (".mp4", ".m4v", ".mpg", ".avi", ".mov", ".mkv", ".webm", ".wmv", ".gif", ".3gp", ".mts", ".ts", ".flv")
+RATES_HZ = (0.1, 960.0)  # from time lapse to the slow motion of a telephone; others are slips of a container
 MISSING = 2  # frames: a sound video may have one less than it tells, and fewer, but as late ones, if its rate varies
 LEGAL = "an image, a folder of images, a video, a log (.mcap), camera:NUMBER, or sim:SEED"
 
@@ -94,13 +95,15 @@ def open_source(
     if not path.is_file():
         raise InputError(f"{text}: there is no such file, nor a source of that name; legal: {LEGAL}")
     suffix = path.suffix.lower()
+    if suffix in PICTURES and cv2.imcount(str(path)) > 1:
+        return _moving_picture(path, camera, world_from_camera)
     if suffix in PICTURES:
         return Source(path.stem, True, False, 2.0, _pictures([path], camera, world_from_camera))
     if suffix in VIDEOS:
         return _video(str(path), path.stem, camera, world_from_camera)
     if suffix == ".mcap":
         return _log(path, camera, world_from_camera)
-    raise InputError(f"{path}: is of no known kind; legal: {LEGAL}")
+    raise InputError(f"{path}: is of no known kind; legal: {LEGAL}; endings: {', '.join(PICTURES + VIDEOS)}")
 
 
 def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
@@ -117,6 +120,15 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
         sys.stderr.write(f"cell: left out: {unread[-1]}\n")
 
 
+def _moving_picture(path: Path, camera: str, pose: Pose) -> Source:
+    there, moving = cv2.imreadanimation(str(path))
+    if not there:
+        raise InputError(f"{path}: cannot be read as a moving image: damaged")
+    starts_s = np.cumsum([0, *np.maximum(moving.durations, 10)]) / 1e3  # some tell none: browsers wait, too
+    frames = (_frame(camera, n, float(starts_s[n]), image[..., :3], pose) for n, image in enumerate(moving.frames))
+    return Source(path.stem, False, True, len(moving.frames) / float(starts_s[-1]), frames)
+
+
 def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what it has to say is raised
     capture = cv2.VideoCapture(source)
@@ -124,22 +136,29 @@ def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
         named = f"camera:{source}" if isinstance(source, int) else source
         raise InputError(f"{named}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")
     fps, told_frames = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    rate_hz = float(fps) if np.isfinite(fps) and 1 <= fps <= 240 else 15.0
+    rate_hz = float(fps) if RATES_HZ[0] <= fps <= RATES_HZ[1] else 15.0
 
     def frames() -> Iterator[Frame]:
-        number, last_s = 0, 0.0
+        number, begun_s, time_s = 0, 0.0, 0.0
         while True:
             there, image = capture.read()
             if not there:
                 break
-            last_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-            yield _frame(camera, number, number / rate_hz, image, pose)
+            at_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3 - begun_s
+            if number == 0:
+                begun_s = at_s
+            else:  # the rate may vary; some containers tell no times
+                time_s = at_s if at_s > time_s else time_s + 1 / rate_hz
+            yield _frame(camera, number, time_s, image, pose)
             number += 1
-        capture.release()
         if number == 0:
-            raise InputError(f"{source}: holds no frames that can be read")
-        if told_frames - max(number, last_s * rate_hz + 1) >= MISSING:
-            sys.stderr.write(f"cell: {source}: ends early: {number} of {told_frames:.0f} frames could be read\n")
+            codec = np.int64(capture.get(cv2.CAP_PROP_FOURCC)).tobytes()[:4].decode("ascii", "replace")
+            raise InputError(f"{source}: no frame can be read: damaged, or a codec ({codec}) that is unknown here")
+        capture.release()
+        lasted_s = time_s + 1 / rate_hz
+        if told_frames - max(number, lasted_s * rate_hz) >= MISSING:
+            until = f"{lasted_s:.1f} of {told_frames / rate_hz:.1f} s"
+            sys.stderr.write(f"cell: {source}: ends early: {until} could be read ({number} frames)\n")
 
     return Source(name, False, True, rate_hz, frames())
 

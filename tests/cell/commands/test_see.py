@@ -15,9 +15,10 @@ import pytest
 from bracket_cell.commands.main import main
 from bracket_cell.commands.terminal import BAD_INPUT
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration
+from bracket_ground.errors import InputError
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
-from bracket_lab.commands.see import _chosen
+from bracket_lab.commands.see import _chosen, _of_hands
 from bracket_lab.evaluations.detections import GREY, drawn_hands
 from bracket_lab.pictures.sources import _video
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
@@ -217,12 +218,51 @@ def test_a_video_gives_a_video_of_the_frames_that_are_asked_for(
     assert made.get(cv2.CAP_PROP_FPS) == pytest.approx(7.5)
 
 
-def test_a_moving_gif_is_a_video(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("picture")
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".png"])
+def test_a_moving_image_is_a_video_whose_frames_come_when_they_are_shown(
+    suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a moving WebP the first frame alone was seen; a rate that varies was taken for its mean."""
     moving = cv2.Animation()
-    moving.frames = [image for image in [cv2.imread(str(picture))] if image is not None] * 3
-    moving.durations = [100] * 3
-    cv2.imwriteanimation("clip.gif", moving)
-    assert len(see(capsys, "clip.gif")["frames"]) == 3
+    moving.frames = [np.full((48, 64, 3), level, np.uint8) for level in (0, 90, 180)]
+    moving.durations = [100, 500, 100]
+    cv2.imwriteanimation(f"clip{suffix}", moving)
+    answer = see(capsys, f"clip{suffix}")
+    assert [view["time_s"] for view in answer["frames"]] == pytest.approx([0.0, 0.1, 0.6])
+    assert answer["written"] == ["clip-seen.mp4"]
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 480.0])
+def test_time_lapse_and_slow_motion_keep_their_rate(
+    rate_hz: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They were taken for 15 frames a second: a hand then moves as fast as none, or stands."""
+    monkeypatch.chdir(tmp_path)
+    video = cv2.VideoWriter("clip.avi", cv2.VideoWriter.fourcc(*"MJPG"), rate_hz, (96, 72))
+    for _ in range(4):
+        video.write(np.zeros((72, 96, 3), np.uint8))
+    video.release()
+    opened = _video("clip.avi", "clip", "overhead", Pose((0.0, 0.0, 1.0)))
+    assert opened.rate_hz == pytest.approx(rate_hz)
+    assert [frame.time_s for frame in opened.frames] == pytest.approx([number / rate_hz for number in range(4)])
+
+
+def test_how_steadily_a_hand_is_seen_is_told_of_frames_that_follow_each_other() -> None:
+    def row(x: float | None) -> dict[str, Any]:
+        hand = None if x is None else {"palm_m": (x / 400, 0.0)}
+        return {"hand": hand, "other_hands": [], "palm_px": None if x is None else (x, 7.0)}
+
+    even = _of_hands([row(x) for x in (0.0, 3.0, 6.0, 9.0)], follows=True)
+    assert even["jitter of its palm [px]"] == {"median": 0.0, "95 %": 0.0}
+    shaking = _of_hands([row(x) for x in (0.0, 2.0, 0.0, 2.0)], follows=True)
+    assert shaking["jitter of its palm [px]"] == {"median": 2.0, "95 %": 2.0}
+    lost = _of_hands([row(x) for x in (0.0, 0.0, None, 40.0, 0.0)], follows=True)
+    assert lost["with a hand at work"] == 4
+    assert lost["times that it was lost"] == 1
+    assert lost["jumps of its palm over 80 mm"] == 1
+    assert "jitter of its palm [px]" not in lost, "of no three frames in a row"
+    assert list(_of_hands([row(0.0)], follows=False)) == ["with a hand at work", "with other hands"]
 
 
 def test_a_video_whose_end_is_missing_is_seen_as_far_as_it_goes_and_that_is_said(
@@ -241,7 +281,8 @@ def test_a_video_whose_end_is_missing_is_seen_as_far_as_it_goes_and_that_is_said
     assert main(["lab", "see", "cut.avi", *words, "--frames", "5"]) == 0
     assert "ends early" not in capfd.readouterr().err, "all that was asked for is there"
     assert main(["lab", "see", "cut.avi", *words]) == 0
-    assert re.search(r"cell: cut\.avi: ends early: 1\d of 20 frames could be read\n", capfd.readouterr().err)
+    said = r"cell: cut\.avi: ends early: 0\.[89] of 1\.3 s could be read \(1\d frames\)\n"
+    assert re.search(said, capfd.readouterr().err)
 
 
 @pytest.mark.parametrize(
@@ -286,6 +327,27 @@ def test_what_a_container_only_guesses_is_no_missing_end(
     assert ("a.mkv: ends early" in capsys.readouterr().err) == said
 
 
+def test_a_codec_that_is_unknown_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As AV1 is, in which telephones and screens are recorded today."""
+
+    class Capture:
+        def __init__(self, _: object) -> None:
+            pass
+
+        def isOpened(self) -> bool:
+            return True
+
+        def get(self, what: int) -> float:
+            return float(cv2.VideoWriter.fourcc(*"AV01")) if what == cv2.CAP_PROP_FOURCC else 30.0
+
+        def read(self) -> tuple[bool, Any]:
+            return False, None
+
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    with pytest.raises(InputError, match=r"a\.mp4: no frame can be read: damaged, or a codec \(AV01\)"):
+        list(_video("a.mp4", "a", "overhead", Pose((0.0, 0.0, 1.0))).frames)
+
+
 def test_pictures_of_another_size_are_searched_for_hands_alone(
     picture: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -304,7 +366,8 @@ def test_pictures_of_another_size_are_searched_for_hands_alone(
         (["empty"], "holds no images"),
         (["text.png"], "cannot be read as an image"),
         (["text.mp4"], "cannot be opened as a video"),
-        (["text.txt"], "of no known kind"),
+        (["text.txt"], "of no known kind; legal: an image, a folder"),
+        (["text.txt"], ".webm, .wmv"),
         (["camera:x"], "'x' must be a whole number from 0 on, as in camera:7"),
         (["sim:-1"], "'-1' must be a whole number from 0 on, as in sim:7"),
         (["sim:1", "--camera", "wrist"], "overhead camera only"),

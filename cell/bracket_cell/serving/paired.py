@@ -80,6 +80,7 @@ class Paired:
             if self._wrong >= WRONG_N:
                 self._draw()
             raise InputError("this is not the code that the cell shows")
+        self._look()
         token = secrets.token_urlsafe(24)
         now = datetime.now(UTC).isoformat(timespec="seconds")
         self._browsers.append(Browser(sha256(token.encode()).hexdigest(), role, name, now))

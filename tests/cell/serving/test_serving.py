@@ -111,6 +111,18 @@ def test_only_a_paired_browser_operates_and_it_stays_paired(served: Served, tmp_
     assert later.role_of(served.token) is None, "whose line is taken out is unknown"
 
 
+def test_whoever_is_paired_brings_back_no_right_and_takes_none(tmp_path: Path) -> None:
+    """Two servers in a folder, and lines that a person takes out."""
+    file = tmp_path / "browsers.jsonl"
+    one, other = Paired(file), Paired(file)
+    gone, _ = one.pair(one.codes["operate"], "gone")
+    stays, _ = other.pair(other.codes["look"], "stays")
+    assert one.role_of(gone) == "operate"
+    file.write_text("".join(line + "\n" for line in file.read_text().splitlines() if "gone" not in line))
+    one.pair(one.codes["look"], "new")
+    assert [paired.role_of(token) for paired in (one, other) for token in (gone, stays)] == [None, "look"] * 2
+
+
 def test_codes_cannot_be_guessed(tmp_path: Path) -> None:
     drawn: list[int] = []
     paired = Paired(tmp_path / "browsers.jsonl", lambda: drawn.append(1))

@@ -36,7 +36,7 @@ from bracket_lab.evaluations.assembly import Assembly, Injected
 from bracket_lab.evaluations.danger import Drops, StoppingDistance
 from bracket_sim.cell import SimCell
 from bracket_sim.faults.injection import Injection
-from bracket_sim.faults.named_faults import FAULTS, FaultKind, signals_of
+from bracket_sim.faults.named_faults import AS_DATA, FAULTS, FaultKind, signals_of
 from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.scene.settings import settings_of
 
@@ -254,7 +254,7 @@ def trial(
 def _row(
     cell: SimCell, injection: Injection, watch: StoppingDistance, outcome: Outcome, seed: int, drops: Drops
 ) -> Row:
-    kind = FAULTS.get(injection.fault)
+    kind = FAULTS.get(injection.fault, AS_DATA if injection.fault else None)
     mishap = kind is not None and kind.of_world
     placed = any(placement.seated and placement.by == "robot" for placement in cell.score.placements().values())
     holding = watch.held_before and outcome.end != "finished" and injection.state in HOLDING_STATES

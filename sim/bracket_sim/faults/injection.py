@@ -24,7 +24,7 @@ from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import BenchView, PartsView
 from bracket_sim.faults.faulty_devices import FaultyArm, FaultyBus, FaultyCamera, FaultyDetector, FaultyPanel
-from bracket_sim.faults.named_faults import EITHER, FAULTS, FaultKind, signals_of
+from bracket_sim.faults.named_faults import AS_DATA, FAULTS, FaultKind, signals_of
 from bracket_sim.faults.signal_faults import ORDERS, SignalFault
 
 NOTICES_S = 3.0
@@ -121,7 +121,7 @@ class Injection(FaultInjection):
 
     @property
     def _kind(self) -> FaultKind:
-        return FAULTS.get(self.fault, FaultKind("as data", EITHER))
+        return FAULTS.get(self.fault, AS_DATA)
 
     @property
     def of_orders(self) -> bool:

@@ -185,6 +185,9 @@ FAULTS: dict[str, FaultKind] = {
 }
 
 
+AS_DATA = FaultKind("as data", EITHER)
+
+
 def signals_of(fault: str, joints: int | None = None) -> tuple[SignalFault, ...]:
     """What is wrong with devices in a fault: one with a name, or one as data.
 

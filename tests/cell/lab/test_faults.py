@@ -21,7 +21,7 @@ from bracket_sim.faults.named_faults import FAULTS
 
 SAMPLE = {
     "carry": ("arm_frozen", "gripper_refuses", "camera_black"),
-    "lower": ("arm_velocity_nan", "arm_protective_stop"),
+    "lower": ("arm_velocity_nan", "arm_protective_stop", "arm.positions_rad.5:offset:0.2"),
     "lift": ("status_lost",),
     "above": ("sighup",),
     "waiting_for_help": ("heartbeat_lost",),

@@ -169,11 +169,12 @@ class Rows:
 
     Attributes:
         folder: where it stands, and where pages about it are written to.
-        done: how many runs.
+        done, missing: how many runs; two that are the same in everything are one.
     """
 
     folder: Path
     done: int
+    missing: int
 
     def read(self, columns: list[str] | None = None) -> list[dict[str, Any]]:
         """All rows."""
@@ -225,4 +226,4 @@ def run_all(tasks: Iterable[Task], total: int, out: str, workers: int, scheduler
                 write_table(store.rows_of(done), folder / "runs.parquet")
         for why in lost[:1]:
             console().print(f"{counted(len(lost), 'run')} lost; the first: {why}", highlight=False)
-        yield Rows(folder, len(done))
+        yield Rows(folder, len(done), len(wanted) - len(done))

@@ -6,9 +6,10 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import yaml
 from pydantic import Field
@@ -28,15 +29,17 @@ from bracket_cell.runs.heading import robot_files
 from bracket_cell.simulator import simulator
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
-from bracket_ground.errors import InputError
+from bracket_ground.errors import InputError, Problem
 from bracket_ground.files.files import read_text
 from bracket_ground.files.model import Model
-from bracket_ground.files.yaml_file import load_yaml, read_data
+from bracket_ground.files.yaml_file import load_yaml, place_of, read_data
+from bracket_ground.interfaces.product import Product
 from btxml.files.parse.xml_file import plain_files
 
 MOST_RUNS = 10_000_000
 MOST_SENT_BYTES = 32_000_000
 YAML = (".yaml", ".yml")
+SOME = Field(min_length=1)
 NOT_SENT = ("robot", "nodes", "log", "page", "plant")  # keys of a configuration: what they name goes otherwise, or not
 Packed = tuple[str, str, tuple[tuple[str, bytes], ...], tuple[str, ...], tuple[str, ...]]
 
@@ -69,12 +72,12 @@ class Sweep(Model):
     """
 
     seeds: Seeds = Seeds()
-    trees: tuple[Path, ...] = (DEFAULT_TREE,)
-    configurations: tuple[Path, ...] = (DEFAULT_CONFIGURATION,)
-    people: tuple[str | None, ...] = (None,)
-    looks: tuple[str | None, ...] = (None,)
-    goals: tuple[str, ...] = ("random",)
-    faults: tuple[str | None, ...] = (None,)
+    trees: Annotated[tuple[Path, ...], SOME] = (DEFAULT_TREE,)
+    configurations: Annotated[tuple[Path, ...], SOME] = (DEFAULT_CONFIGURATION,)
+    people: Annotated[tuple[str | None, ...], SOME] = (None,)
+    looks: Annotated[tuple[str | None, ...], SOME] = (None,)
+    goals: Annotated[tuple[str, ...], SOME] = ("random",)
+    faults: Annotated[tuple[str | None, ...], SOME] = (None,)
     max_duration_s: float | None = Field(default=None, gt=0, le=86_400)
     pixels: bool = True
 
@@ -144,20 +147,23 @@ def _beside(folder: Path, names: str | None) -> str | None:
     return names and ",".join(str(file) if (file := folder / name).is_file() else name for name in names.split(","))
 
 
-def tasks(sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep_one_in: int = 1) -> Iterator[Task]:
+def tasks(
+    sweep: Sweep, logs: str | None = None, nodes: Iterable[str] = (), keep_one_in: int = 1, spec: Path | None = None
+) -> Iterator[Task]:
     """All runs, seed by seed; every file is read and checked before the first one.
 
     Args:
         logs: folder or address for the logs of all runs, by their keys; None to keep none.
         nodes: Python files with further nodes, and folders of them; they are sent along.
         keep_one_in: of so many runs that went right, the log of one is kept.
+        spec: the sweep's file, for messages.
 
     Raises:
         InputError: a tree, a configuration or what else is named cannot be used.
     """
     given = tuple(nodes)
     packed = {
-        (tree, configuration): _packed(sweep, tree, configuration, given)
+        (tree, configuration): _packed(sweep, tree, configuration, given, spec)
         for tree, configuration in itertools.product(sweep.trees, sweep.configurations)
     }
     folder = logs if logs is None or is_address(logs) else str(Path(logs).resolve())
@@ -205,17 +211,11 @@ def _tasks(sweep: Sweep, packed: dict[tuple[Path, Path], Packed], logs: str | No
             )
 
 
-def _packed(sweep: Sweep, tree: Path, path: Path, given: Sequence[str]) -> Packed:
+def _packed(sweep: Sweep, tree: Path, path: Path, given: Sequence[str], spec: Path | None) -> Packed:
     """Texts of a tree and a configuration with all that they name, which lie to one another as they do here."""
     configuration = load_configuration(path)
     product = load_product(configuration, path)
-    for person, look in itertools.product(sweep.people, sweep.looks):
-        simulated(configuration, look, person)
-    for fault in filter(None, sweep.faults):
-        simulator().injected(fault, len(configuration.robot.joints))
-    for goal in sweep.goals:
-        if goal != "random" and goal not in product.goals:
-            raise InputError(f"unknown goal '{goal}'; legal: {', '.join(product.goals)}, random")
+    _check(sweep, configuration, product, spec)
     own = _node_files([*given, *(name for name in configuration.nodes if Path(name).exists())])
     loaded = load_tree(tree, node_registry(product, given, configuration))
     folder = tree.resolve().parent
@@ -239,6 +239,28 @@ def _packed(sweep: Sweep, tree: Path, path: Path, given: Sequence[str]) -> Packe
     if (size := sum(map(len, files.values()))) > MOST_SENT_BYTES:
         raise InputError(f"{path}: with its weights each run takes {size} bytes along; legal: up to {MOST_SENT_BYTES}")
     return f"trees/{tree.name}", names[path], tuple(sorted(files.items())), tuple(sorted(own)), tuple(made_of)
+
+
+def _check(sweep: Sweep, configuration: Configuration, product: Product, spec: Path | None) -> None:
+    """Raises InputError where the configuration cannot have an entry of the sweep, with its line in the file."""
+
+    def goal(name: str) -> None:
+        if name != "random" and name not in product.goals:
+            raise InputError(f"unknown goal '{name}'; legal: {', '.join(product.goals)}, random")
+
+    checks: Mapping[str, Callable[[str], object]] = {
+        "people": lambda person: simulated(configuration, person=person),
+        "looks": lambda look: simulated(configuration, look=look),
+        "goals": goal,
+        "faults": lambda fault: simulator().injected(fault, len(configuration.robot.joints)),
+    }
+    for name, check in checks.items():
+        for number, entry in enumerate(getattr(sweep, name)):
+            try:
+                _ = entry is not None and check(entry)
+            except InputError as error:
+                place = None if spec is None else place_of(spec, (name, number))
+                raise InputError(str(error) if place is None else Problem(place, str(error))) from None
 
 
 def _send_robot(configuration: Configuration, path: Path, name: str, files: dict[str, bytes]) -> None:

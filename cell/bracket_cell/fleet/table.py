@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from itertools import islice
 from pathlib import Path
@@ -62,7 +63,8 @@ def write_table(rows: Iterable[Row], path: Path) -> None:
                 arrays = [arrow.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
                 writer.write_table(arrow.table(arrays, schema=schema))
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        why = os.strerror(error.errno) if error.errno else error  # Arrow has words of its own
+        raise InputError(f"{path}: cannot be written: {why}") from None
 
 
 def _column(batch: list[Row], name: str, kind: type, found: set[type]) -> list[Any]:

@@ -120,7 +120,10 @@ class RowStore:
             with self._path.open(mode) as stream:
                 yield stream  # type: ignore[misc]
         except OSError as error:
-            raise InputError(f"{self._path}: cannot keep rows: {error.strerror or error}") from None
+            why = (
+                "what should be its folder is a file" if isinstance(error, FileExistsError) else error.strerror or error
+            )
+            raise InputError(f"{self._path}: cannot keep rows: {why}") from None
 
     def _alone(self) -> _Lock | None:
         """The file's lock, for as long as the store lives: two that add rows would each do all that is left."""

@@ -32,17 +32,17 @@ def sweep(
     The results are OUT/runs.parquet.
     """
     asked = load_sweep(spec)
-    total = count(asked)
     nodes, _ = user_files(own)
     if keep > 1 and not logs:
         raise InputError("--keep says which logs --logs keeps; without it none are kept")
-    with run_all(tasks(asked, f"{out}/logs" if logs else None, nodes, keep), total, out, workers, scheduler) as rows:
+    runs = tasks(asked, f"{out}/logs" if logs else None, nodes, keep, spec)
+    with run_all(runs, count(asked), out, workers, scheduler) as rows:
         ends = dict(sorted(Counter(str(row["end"]) for row in rows.read(["end"])).items()))
     table = f"{out}/runs.parquet"
     console().print(f"{rows.done} runs in {table}: {_words(ends)}", highlight=False)
     if as_json:
-        print_json({"runs": rows.done, "of": total, "ends": ends, "table": table})
-    return 1 if ends.get("crashed") or rows.done < total else 0
+        print_json({"runs": rows.done, "of": rows.done + rows.missing, "ends": ends, "table": table})
+    return 1 if ends.get("crashed") or rows.missing else 0
 
 
 def _words(ends: dict[str, int]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import socket
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bracket_cell.fleet.store import get, put, results_folder
+from bracket_cell.fleet.table import write_table
 from bracket_ground.errors import InputError
 
 NAMES = ("runs.jsonl", "runs.parquet")
@@ -57,3 +59,13 @@ def test_a_store_that_cannot_be_used_is_told_in_one_line(
     with pytest.raises(InputError, match="cannot be used"), results_folder(place, NAMES):
         pass
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_told_in_the_words_of_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full:
+        def __init__(self, *_: object) -> None:
+            raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28] no space")  # as Arrow says it
+
+    monkeypatch.setattr("pyarrow.parquet.ParquetWriter", Full)
+    with pytest.raises(InputError, match=r"runs\.parquet: cannot be written: No space left on device$"):
+        write_table([{"seed": 1}], tmp_path / "runs.parquet")

@@ -187,6 +187,23 @@ def test_files_anywhere_and_nodes_of_a_configuration_travel_with_a_run(tmp_path:
     assert (row["end"], row["reason"]) == ("finished", "the tree succeeded")
 
 
+@pytest.mark.parametrize(
+    ("text", "refused"),
+    [
+        ("people: [careful, nobody]", "spec.yaml:1:19: no person and no file 'nobody'"),
+        ("looks: [dark]", "spec.yaml:1:9: no look 'dark'"),
+        ("goals: [g0, g9]", "spec.yaml:1:13: unknown goal 'g9'; legal: g0"),
+        ("faults: [null, arm_frozen@fly]", "spec.yaml:1:16: unknown state 'fly'"),
+        ("faults: [arm.positions_rad.6:offset@carry]", "spec.yaml:1:10: .*the arm has joints 0 to 5"),
+        ("trees: []", "spec.yaml:1:8: trees"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_with_its_line(text: str, refused: str, tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text(text)
+    with pytest.raises(InputError, match=refused):
+        list(tasks(load_sweep(tmp_path / "spec.yaml"), spec=tmp_path / "spec.yaml"))
+
+
 def test_people_are_files_beside_the_sweep_and_come_back_to_no_file(tmp_path: Path) -> None:
     (tmp_path / "me.yaml").write_text("pace: [2, 2]\n")
     spec = tmp_path / "spec.yaml"

@@ -12,12 +12,13 @@ from bracket_cell.configuration import load_configuration, load_product
 from bracket_ground.errors import InputError
 from bracket_lab.commands.shared import Shared
 from bracket_lab.commands.training.made_data import make_data
+from bracket_lab.learned.training.schedule import MOST_EPOCHS
 
 
 @command_from(Shared, "kind", "look", "seeds", "out", "config", "seed", "as_json", seeds="600000:600030")
 def figure10(
     shared: Shared,
-    epochs: Annotated[int, Option(min=1, help="Passes through the data.")] = 10,
+    epochs: Annotated[int, Option(min=1, max=MOST_EPOCHS, help="Passes through the data.")] = 10,
     share: Annotated[float, Option(min=0.05, max=1, help="Share of VGG16's channels; 1 with a GPU.")] = 0.125,
 ) -> int:
     """Train and score action detectors on five splits, as Fig. 10 of the paper; needs --out.

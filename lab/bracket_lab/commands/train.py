@@ -17,6 +17,7 @@ from bracket_ground.interfaces.product import Product
 from bracket_lab.commands.training.shipped import Step, of_paper, scaled, steps_of_shipped, train_steps
 from bracket_lab.commands.training.tasks import TASKS
 from bracket_lab.commands.training.weights import Training, writing
+from bracket_lab.learned.training.schedule import MOST_EPOCHS
 
 OPTIONS = (
     *("network", "data", "simulated", "curve", "begin", "epochs", "every", "only", "plan", "budget"),
@@ -41,7 +42,7 @@ class TrainOptions:
         list[Path] | None, Option(help="Folder of `cell label`, or of segments for actions; may be repeated.")
     ] = None
     simulated: Annotated[bool, Option("--simulated", help="With --data: learn from simulated data, too.")] = False
-    epochs: Annotated[int | None, Option(min=1, help="With --data: passes through the data.")] = None
+    epochs: Annotated[int | None, Option(min=1, max=MOST_EPOCHS, help="With --data: passes through the data.")] = None
     curve: Annotated[
         bool, Option("--curve", help="With parts: learn from a quarter and half of the pictures too, to compare.")
     ] = False

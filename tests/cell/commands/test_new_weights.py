@@ -85,6 +85,23 @@ def test_an_interrupted_training_goes_on_without_being_told_to_overwrite(
     assert calls == [False, True, True]
 
 
+def test_few_labelled_pictures_are_seen_as_often_as_a_training_may() -> None:
+    from bracket_lab.learned.parts.settings import CentreTraining, PoseTraining
+
+    for images in (1, 3, 30, 3000):
+        epochs = networks.box_epochs(images)
+        assert CentreTraining(epochs=epochs).epochs == PoseTraining(epochs=epochs).epochs >= networks.PART_EPOCHS
+
+
+@pytest.mark.parametrize("words", [["train"], ["lab", "train"]])
+@pytest.mark.parametrize("network", ["hands", "holes", "parts", "actions"])
+def test_more_epochs_than_a_training_may_have_are_refused(
+    words: list[str], network: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main([*words, network, "--data", str(tmp_path), "--epochs", "1001"]) == 2
+    assert "less than or equal to 1000" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("budget", ["30m", "50m", "2h"])
 def test_a_budget_leaves_time_to_learn_parts_and_stacks(budget: str) -> None:
     images = networks.TRAY_VIEWS * int(networks.PARTS_DATA * seconds(budget) / networks.TRAY_S)

@@ -25,6 +25,7 @@ from bracket_lab.commands.training.weights import Training, seconds
 from bracket_lab.learned.actions.data import Segments
 from bracket_lab.learned.hands.data import LabelledFrame
 from bracket_lab.learned.parts.data import Scene
+from bracket_lab.learned.training.schedule import MOST_EPOCHS
 from bracket_lab.pictures.origins import WITHOUT_HANDS
 from bracket_lab.pictures.scoring import CLASSICAL, MEASURES, TRIVIAL, Scorer, apart
 from bracket_lab.wiring.latency import note_scores
@@ -172,7 +173,7 @@ def boxed_parts(
     figures = dict[str, float]()
     for share in (*CURVE, 1) if asked.curve else (1,):
         some, out = scenes[:: round(1 / share)], weights if share == 1 else weights.with_suffix(f".{share:g}.onnx")
-        epochs = asked.epochs or max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // len(some)))
+        epochs = asked.epochs or box_epochs(len(some))
         command = asked.command("parts", epochs=epochs)
         facts = train_parts(some, product, floor_m, out, asked.seed, epochs=epochs, command=command, quiet=False)
         scores = beside(asked, "parts", out, kept, some)
@@ -190,6 +191,11 @@ def faster_rcnn(asked: Training, scenes: Sequence[Scene], product: Product, weig
     settings = RcnnTraining(backbone=asked.backbone, share=asked.share, steps=asked.steps)
     task = Task(out=weights, seed=asked.seed, command=asked.command("parts"), quiet=False)
     return train_rcnn(scenes, product, weights, settings, task)
+
+
+def box_epochs(images: int) -> int:
+    """Epochs on own boxes: as many steps on few images, as far as they may be repeated."""
+    return min(MOST_EPOCHS, max(PART_EPOCHS, -(-BOX_STEPS * BOX_BATCH // images)))
 
 
 def part_epochs(budget_s: float, images: int, things: int) -> tuple[int, int]:

@@ -27,6 +27,7 @@ from bracket_ground.files.files import shipped
 from bracket_ground.interfaces.planning import weights_file
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.parts.settings import BACKBONES
+from bracket_lab.learned.training.schedule import MOST_EPOCHS
 
 TRAIN_RATIO = 0.77  # 143 of the 186 scenarios of the default product, as in the paper
 ONE_KIND = {"hands", "holes"}  # networks of one kind alone: their commands have no option for it
@@ -61,9 +62,10 @@ class Training:
         Option(help="With --look: the hand as this tracker sees it, such as mediapipe; the truth by default."),
     ] = None
     budget: Annotated[str, Option(help="Processor time for data and training, like 90s, 30m or 2h.")] = ""
-    epochs: Annotated[int | None, Option(min=1, help="Passes through the data; by default chosen for the network.")] = (
-        None
-    )
+    epochs: Annotated[
+        int | None,
+        Option(min=1, max=MOST_EPOCHS, help="Passes through the data; by default chosen for the network."),
+    ] = None
     share: Annotated[float, Option(min=0.05, max=1, help="Share of VGG16's channels, if it is used.")] = 1.0
     backbone: Annotated[str, Option(help=f"Backbone of rcnn: {', '.join(BACKBONES)}.")] = BACKBONES[0]
     steps: Annotated[int, Option(min=1, help="Steps of rcnn, each of 4 images.")] = 2000

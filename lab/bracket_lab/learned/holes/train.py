@@ -29,7 +29,7 @@ from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_lab.learned.holes.evaluate import Plate
 from bracket_lab.learned.training.recipe import Recipe, Task, on_examples
-from bracket_lab.learned.training.schedule import Schedule
+from bracket_lab.learned.training.schedule import MOST_EPOCHS, Schedule
 from bracket_lab.learned.training.still_dataset import data_hash, split
 
 
@@ -51,7 +51,7 @@ class HoleTraining(Schedule):
     hidden: int = Field(default=64, ge=8, le=1024)
     off_m: float = Field(default=0.0015, ge=0, le=0.02)
     off_rad: float = Field(default=0.002, ge=0, le=0.1)
-    epochs: int = Field(default=14, ge=1, le=1000)
+    epochs: int = Field(default=14, ge=1, le=MOST_EPOCHS)
     batch: int = Field(default=10, ge=1, le=256)  # images, each with all its holes
     peak_rate: float = Field(default=3e-3, gt=0, le=1)
     weight_decay: float = Field(default=3e-4, ge=0, le=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from bracket_ground.files.model import Model
-from bracket_lab.learned.training.schedule import Schedule
+from bracket_lab.learned.training.schedule import MOST_EPOCHS, Schedule
 
 BACKBONES = ("resnet101", "resnet50", "resnet18")  # of Faster R-CNN, the paper's first
 NARROW = "resnet18"  # the one of which a share of the channels can be had
@@ -21,7 +21,7 @@ class CentreTraining(Schedule):
 
     widths: tuple[int, int, int, int] = (16, 32, 64, 96)
     features: int = Field(default=32, ge=8, le=256)
-    epochs: int = Field(default=8, ge=1, le=1000)
+    epochs: int = Field(default=8, ge=1, le=MOST_EPOCHS)
     batch: int = Field(default=8, ge=1, le=256)
     peak_rate: float = Field(default=2.5e-3, gt=0, le=1)
 
@@ -53,7 +53,7 @@ class StackTraining(Schedule):
 
     widths: tuple[int, int, int] = (24, 48, 96)
     hidden: int = Field(default=192, ge=8, le=1024)
-    epochs: int = Field(default=30, ge=1, le=1000)
+    epochs: int = Field(default=30, ge=1, le=MOST_EPOCHS)
     batch: int = Field(default=32, ge=1, le=1024)
     off_m: float = Field(default=0.004, ge=0, le=0.02)
     off_rad: float = Field(default=0.3, ge=0, le=3.2)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bracket_cell.learned.classical.foresight import foreseen
+from bracket_cell.trees.guard import Verdict
 from bracket_cell.trees.nodes.foresight import MoveBeside, PositionForeseen
 from bracket_cell.trees.nodes.services import Services
 from bracket_ground.interfaces.perception import Action, HandSample
@@ -76,6 +77,28 @@ def test_of_a_part_that_is_placed_already_nothing_is_foreseen_while_the_hand_sti
     see(at, 1.0, hand=carrying("p6", 0.02), action=Action("assembly", 1.0, "o2", "p5"))
     assert node.update() is Status.FAILURE
     assert not planner.asked
+    see(at, 1.1, hand=carrying("p6", 0.02), action=Action("transit", 0.8))  # it leaves, and is still said to hold it
+    assert node.update() is Status.FAILURE
+    see(at, 1.2, hand=replace(carrying("p6", 0.02), held_part=None), action=Action("transit", 0.8))
+    assert node.update() is Status.FAILURE
+    assert not planner.asked
+    see(at, 1.3, hand=carrying("p6", 0.02), action=Action("transit", 0.8))  # with the next one
+    assert node.update() is Status.SUCCESS
+
+
+def test_the_wait_for_the_person_begins_anew_with_the_part_that_they_bring(monkeypatch: pytest.MonkeyPatch) -> None:
+    at, waited = services(semantic=ScriptedPlanner(SURE)), []
+
+    def judged(*args: object, **more: object) -> Verdict:
+        waited.append(args[-1])
+        return Verdict("act", "sure enough")
+
+    monkeypatch.setattr(type(at.tools.guard), "judge", judged)
+    monkeypatch.setattr(Services, "waited_s", 20.0)
+    node = node_of(at)
+    see(at, 1.0, hand=carrying("p5", 0.02), action=Action("transit", 1.0))
+    assert node.update() is Status.SUCCESS
+    assert waited == [0.0]
 
 
 def test_a_hand_that_is_far_from_all_holes_foretells_nothing() -> None:

@@ -41,10 +41,11 @@ class PositionForeseen(CellNode):
     sure = InputPort(float, "probability of a hole from which on the hand goes there", default=0.9)
     stays_s = InputPort(float, "how long it counts as foreseen", default=3.0, least=0)
     position = OutputPort(Hole, "where the part in the gripper will go")
-    persistent = ("_foreseen", "_sequence")
+    persistent = ("_foreseen", "_sequence", "_counts")
 
     _foreseen: tuple[str, str, float] | None = None  # position, for which part, since when
     _sequence = -1
+    _counts = False  # whether what the hand holds counts as placed, until it is seen without it
 
     def update(self) -> Status:
         seen, part = self.now.observation, self.part.get()
@@ -68,9 +69,11 @@ class PositionForeseen(CellNode):
 
     def _looks(self, view: BenchView) -> str | None:
         """Where the part in the gripper goes if the hand fills the hole that it seems to go to; None where unsure."""
-        if view.hand is None or view.hand.held_part is None or view.hand.velocity_m_s is None:
+        if view.hand is None or view.hand.held_part is None:
+            self._counts = False
             return None
-        if view.action.position in self.state.get().placed:  # it counts already, and is not let go yet
+        self._counts = self._counts or view.action.position in self.state.get().placed
+        if self._counts or view.hand.velocity_m_s is None:
             return None
         theirs = self._hand_goes_to(view, view.hand, view.hand.held_part, view.hand.velocity_m_s)
         if theirs is None:
@@ -79,8 +82,8 @@ class PositionForeseen(CellNode):
         plan, part = self.tools.infer(state, self.now.observation.operator.job), self.part.get()
         for position in plan.guidance.get(part, ()):
             open_yet = position != theirs and position not in self.memory.let_go
-            with collecting(None):  # of a bracket that is only supposed
-                acts = open_yet and judge(self.services, plan, state, part, position).decision == "act"
+            with collecting(None):  # of a bracket that is only supposed, in which the wait for the person begins anew
+                acts = open_yet and judge(self.services, plan, state, part, position, 0.0).decision == "act"
             if acts:
                 note = f"{view.hand.held_part} at {theirs}"
                 note_verdict(self.services, part, position, "foreseen", note)

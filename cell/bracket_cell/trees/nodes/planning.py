@@ -159,7 +159,7 @@ class CheckPlacement(CellNode):
 
     def update(self) -> Status:
         part, position = self.part.get(), self.position.get()
-        plan, state, waited_s = self.plan.get(), self.state.get(), self.waited_s.get()
+        plan, state, waited_s = self.plan.get(), self.state.get(), max(self.waited_s.get(), self.services.waited_s)
         self._verdict = verdict = judge(self.services, plan, state, part, position, waited_s)
         if verdict.decision == "act":
             return Status.SUCCESS
@@ -195,12 +195,12 @@ class WithoutGuard(CellNode):
 
 
 def judge(
-    services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str, waited_s: float = 0.0
+    services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str, waited_s: float | None = None
 ) -> Verdict:
     """The guard's verdict on one placement with what is seen in this tick.
 
     Args:
-        waited_s: how long the person has been waited for, at least.
+        waited_s: how long the person has been waited for; by default since a part was placed last.
     """
     kind, memory = services.tools.product.parts[part], services.memory
     if kind.made_of and memory.held_part != part and not services.built(part):
@@ -210,7 +210,7 @@ def judge(
     reachable = services.reachable(part, position)
     present = services.now.observation.operator.present
     holes = view.holes if view else {}
-    waited_s = max(waited_s, services.waited_s)
+    waited_s = services.waited_s if waited_s is None else waited_s
     return services.tools.guard.judge(plan, state, holes, part, position, reachable, present, waited_s)
 
 

@@ -25,6 +25,7 @@ from btxml.engine.traits import Traits
 MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 RESTS_M_S = 0.05  # chosen: above what a tracker makes of a hand that lies still
+GOES_S = 0.5  # an arm whose way was clear so long ago goes there
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
 
@@ -113,11 +114,17 @@ class HandWatch(CellNode):
     what_if = "if the hand were seen away from there"
 
     distance_m = InputPort(float, "how near is too near", default=0.20, least=0)
+    goes_on_m = InputPort(
+        float, "how near, if less, where the way was clear just now and the arm goes there", default=10.0, least=0
+    )
     lookahead_s = InputPort(float, "the hand counts as where it will be after this time", default=0.0, least=0)
     way_m = InputPort(
         float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0, least=0
     )
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5, least=0)
+    persistent = ("_clear_s",)
+
+    _clear_s = -math.inf  # when the way was clear last
 
     def target(self) -> tuple[str, Array]:
         """What the arm goes to, in words, and where it is on the bench, (2,)."""
@@ -135,7 +142,10 @@ class HandWatch(CellNode):
         soon = moved(view.hand, self.lookahead_s.get())
         away_m = float(np.min([distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m)]))
         given = {"lookahead_s": self.lookahead_s.get(), "way_m": self.way_m.get()}
-        if self.compare(away_m, ">=", self.distance_m, name, **given):
+        now_s = self.now.observation.time_s
+        goes_on = now_s - self._clear_s <= GOES_S and self.goes_on_m.get() < self.distance_m.get()
+        if self.compare(away_m, ">=", self.goes_on_m if goes_on else self.distance_m, name, **given):
+            self._clear_s = now_s
             return Status.SUCCESS
         self.feedback_message = Message("the hand is near the way to {name}", name=name)
         self.now.show(message=Message("waiting: {reason}", reason=self.feedback_message))

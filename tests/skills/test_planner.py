@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from bracket_cell.skills.motion.trajectory import joint_speeds, limit_ratios
 from bracket_cell.skills.pick_and_place import Pick, Place
 from bracket_ground.interfaces.bench import Bench, Obstacle
 from bracket_ground.interfaces.command import JointTrajectory
+from bracket_ground.interfaces.perception import Action, BenchView, HandSample
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.skill import SkillStatus
@@ -199,3 +201,26 @@ def test_beside_a_person_ways_lead_back_first_and_are_sooner_for_that(planner: M
     far = planner.reach([Pose((0.35, -0.45, 0.3), DOWN)], park, LOAD)
     assert not isinstance(far, str), far
     assert [len(way) for way in beside.soonest(park, far[1])] == [2]
+
+
+def test_a_hand_that_works_beside_the_way_is_gone_round_and_one_that_passes_is_not(planner: MotionPlanner) -> None:
+    beside, park = planner.beside, np.array(planner.bench.arm_park_rad)
+    a, b, c = hole_pose(planner.product, planner.bench, "p1").position_m
+    start = planner.reach([Pose((0.54, -0.31, 0.15), DOWN)], park, LOAD)
+    goal = planner.reach([Pose((a - 0.22, b, c + 0.2), DOWN)], park, LOAD)
+    assert not isinstance(start, str)
+    assert not isinstance(goal, str)
+
+    def nearest_m(speed_m_s: float) -> float:
+        x, y = a + 0.01, b - 0.32  # it screws at p5
+        hand = HandSample(0.0, (300, 200, 360, 260), (x, y), (x + 0.12, y + 0.04), height_m=0.1)
+        view = BenchView(0, 0.0, replace(hand, velocity_m_s=(0.0, speed_m_s)), {}, Action("screw", 1.0))
+        stands = IdealRobot(tuple(start[1])).observe()
+        beside.see(replace(stands, time_s=0.1, bench=view))
+        way = planner.free_move(start[1], goal[1], LOAD)
+        beside.see(stands)
+        assert isinstance(way, JointTrajectory), way
+        passed_m = [planner.kinematics.position_m(joints)[:2] for joints in way.positions_rad]
+        return float(np.linalg.norm(np.array(passed_m) - (x, y), axis=1).min())
+
+    assert nearest_m(0.1) > nearest_m(1.2) + 0.08

@@ -64,5 +64,5 @@ def _lost_s(motion: MotionPlanner, bench: Bench, rest_m: Sequence[float], ways_r
     hand = HandSample(0.0, (*middle, *middle), (x - PERSON.hand_length_m, y), (x, y), height_m=z)
     separation = motion.separation
     resting = Person(separation.persons.wall(hand), KNOWN_S, separation.settings.hand_speed_m_s, (0.0, 0.0))
-    times = [motion.beside.takes_s(way, resting) for way in ways_rad]
+    times = [motion.beside.takes_s(way, [resting]) for way in ways_rad]
     return float(np.mean([takes_s - hurried_s for takes_s, hurried_s in times])) if times else 0.0

@@ -166,6 +166,30 @@ def test_a_hand_counts_as_where_it_will_be_and_so_much_of_the_way() -> None:
     assert answer(rests, way_m=5.0) is Status.RUNNING
 
 
+def test_an_arm_on_its_way_goes_on_nearer_to_a_hand_and_begins_anew_once_it_was_clear_for_a_while() -> None:
+    at = services()
+    node = WaitForHandClear("clear")
+    node.setup(services=at)
+    node.position.entry.value = "p3"  # type: ignore[union-attr]
+    for name, value in {"distance_m": 0.25, "goes_on_m": 0.2, "way_m": 0.0, "steady_s": 0.5}.items():
+        getattr(node, name).entry.value = value
+    x, y = at.tool_on_bench_m()
+
+    def answer(time_s: float, away_m: float, speed_m_s: float = 0.0) -> Status:
+        see(at, time_s, hand=replace(hand_at(x + away_m, y), velocity_m_s=(speed_m_s, 0.0)))
+        return node.update()
+
+    assert answer(1.0, 0.22) is Status.RUNNING
+    assert answer(1.1, 0.26) is Status.RUNNING, "a hand that screws goes to and fro"
+    assert answer(1.2, 0.26, 0.8) is Status.SUCCESS, "it leaves"
+    assert answer(1.3, 0.22) is Status.SUCCESS
+    assert answer(1.4, 0.18) is Status.RUNNING
+    assert answer(1.5, 0.22) is Status.RUNNING
+    assert answer(1.95, 0.26) is Status.RUNNING
+    assert answer(2.05, 0.26) is Status.SUCCESS
+    assert answer(5.0, 0.22) is Status.RUNNING, "since then nobody asked"
+
+
 def test_the_arm_waits_for_a_hand_near_the_part_that_it_goes_to() -> None:
     at = services()
     node = WaitForHandClearOfPart("clear")

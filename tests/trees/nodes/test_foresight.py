@@ -89,7 +89,7 @@ def test_of_a_part_that_is_placed_already_nothing_is_foreseen_while_the_hand_sti
 def test_the_wait_for_the_person_begins_anew_with_the_part_that_they_bring(monkeypatch: pytest.MonkeyPatch) -> None:
     at, waited = services(semantic=ScriptedPlanner(SURE)), []
 
-    def judged(*args: object, **more: object) -> Verdict:
+    def judged(*args: object) -> Verdict:
         waited.append(args[-1])
         return Verdict("act", "sure enough")
 

@@ -79,7 +79,8 @@ class Stay(Motion):
         return JointTrajectory(np.array([0.0, 5 * PERIOD_S]), np.stack([start_rad, start_rad]))
 
 
-STAY = Stay(SimpleNamespace(settings=SETTINGS))  # type: ignore[arg-type]
+BESIDE = SimpleNamespace(see=lambda _: None)
+STAY = Stay(SimpleNamespace(settings=SETTINGS, beside=BESIDE))  # type: ignore[arg-type]
 
 
 class Swings(SkillNode):

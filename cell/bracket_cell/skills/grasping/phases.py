@@ -78,6 +78,7 @@ class Move:
             self._looking = None
             return self._running(observation)
         if self._looking is None:
+            self.motion.planner.beside.see(observation)
             found = self._planned(np.array(observation.arm.positions_rad))
             self._looking = iter((found,)) if isinstance(found, JointTrajectory | str) else found
         if (plan := next(self._looking)) is None:

@@ -1,21 +1,26 @@
-"""How long a way takes beside a person: near the edge where hands come in, the arm is held to its reduced speed."""
+"""How long a way takes beside a person: near hands, and the edge where they come in, the arm is slow, or held."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from bracket_cell.skills.motion.kinematics import Kinematics
+from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
 from bracket_cell.skills.motion.person_space import Person
 from bracket_cell.skills.motion.separation import SeparationMonitor, arrival_s
+from bracket_ground.interfaces.observation import Observation
 from bracket_ground.interfaces.pose import Array, Pose
 
 MARK_RAD = 0.1  # between places of a way that are looked at
 SEEN_S = 0.1  # the usual age of what is known of hands
 BRAKES_M_S2 = 4.0  # how fast a fast arm becomes slow; what it may really do, the supervisor reckons
-BACK_M = (0.12, 0.22)  # from the end of a way that is nearest to the person
+BACK_M = (0.12, 0.22, 0.32)  # from the end of a way that is nearest to the person
+WORKS_M_S = 0.5  # a hand that is faster is on its way, and will be elsewhere; such have 1 m/s and more
+HELD_S = 2.5  # that a hand holds the arm which is in its way: half of what a screw takes
 SLOWED_S = 0.3  # a way that is slowed down by less has no better one
 CORNER_S = 0.3  # that a corner takes
 TRIED = 3  # ways
@@ -23,7 +28,7 @@ LEAST_M = 0.03  # a shorter way back is none
 
 
 class BesidePerson:
-    """Tells ways apart by how long they take, whoever may come in over the person's edge of the view."""
+    """Tells ways apart by how long they take beside hands that work, and hands that may come over the person's edge."""
 
     def __init__(self, separation: SeparationMonitor, kinematics: Kinematics, speeds_rad_s: Sequence[float]) -> None:
         """Args:
@@ -31,7 +36,16 @@ class BesidePerson:
         """
         self._separation, self._kinematics = separation, kinematics
         self._speeds_rad_s = np.array(speeds_rad_s)
-        self._person = separation.persons.behind(separation.persons.edge, SEEN_S)
+        self._behind = separation.persons.behind(separation.persons.edge, SEEN_S)
+        self._people: tuple[Person, ...] = (self._behind,)
+
+    def see(self, seen: Observation) -> None:
+        """Reckon from now on with hands that rest or work where they are seen, as far as that is known."""
+        persons, self._people = self._separation.persons, (self._behind,)
+        if seen.bench is not None:
+            with suppress(Implausible):
+                found = persons.of(KnownBench(persons.view_range, seen.bench, seen.time_s))
+                self._people += tuple(person for person in found if person.works(WORKS_M_S))
 
     def soonest(self, start_rad: Array, goal_rad: Array) -> list[Array]:
         """Ways (k, n) between two postures, straight between their rows; the one that takes the least time first."""
@@ -43,28 +57,32 @@ class BesidePerson:
         found += [(self.takes_s(way)[0] + CORNER_S * (len(way) - 2), way) for way in self._ways_back(direct)]
         return [way for _, way in sorted(found, key=lambda candidate: candidate[0])[:TRIED]]
 
-    def takes_s(self, way_rad: Array, person: Person | None = None) -> tuple[float, float]:
-        """How long the arm needs for a way (k, joints) at the speeds that hands allow which may come at any time.
+    def takes_s(self, way_rad: Array, people: Sequence[Person] | None = None) -> tuple[float, float]:
+        """How long the arm needs for a way (k, joints) at the speeds that people allow, held where it is too near.
 
         And how long at its own speed; both without the time in which it gathers speed.
 
         Args:
-            person: whom the arm is slow for, as quick as its measured speed; None for the one behind the edge.
+            people: by default those that were seen last, and whoever may come over the edge.
         """
-        monitor, settings, person = self._separation, self._separation.settings, person or self._person
+        monitor, settings = self._separation, self._separation.settings
         gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way_rad, axis=0)).max(axis=1))])
         marks = np.linspace(0.0, gone[-1], max(2, math.ceil(gone[-1] / MARK_RAD) + 1))
         rows = np.column_stack([np.interp(marks, gone, column) for column in way_rad.T])
         placed = monitor.outline.placed(rows)
-        rooms_m = monitor.outline.rooms(placed, person.body, holding=False).distances_m
-        rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - settings.hand_error_m - monitor.arm_error_m
-        speeds_m_s = np.full(rooms_m.shape, person.most_m_s())
-        spare_s = arrival_s(rooms_m, speeds_m_s, settings) - person.age_s - settings.reaction_s
-        may_m_s = settings.slow_m_s + BRAKES_M_S2 * spare_s.clip(0.0)
         steps_m = np.linalg.norm(np.diff(monitor.outline.corners_m(placed), axis=0), axis=3).max(axis=2)
         hurried_s = (np.abs(np.diff(rows, axis=0)) / self._speeds_rad_s).max(axis=1)
-        takes_s = np.maximum(hurried_s, (steps_m / may_m_s).max(axis=1))
-        return float(takes_s.sum()), float(hurried_s.sum())
+        takes_s, held_s = hurried_s, 0.0
+        for person in self._people if people is None else people:
+            rooms_m = monitor.outline.rooms(placed, person.body, holding=False).distances_m
+            rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:])
+            least_m = monitor.protective_m(person.most_m_s(), person.age_s, person.doubt_m)
+            held_s = HELD_S if person.waited_for and rooms_m.min() < least_m else held_s
+            free_m = rooms_m - settings.hand_error_m - monitor.arm_error_m
+            spare_s = arrival_s(free_m, np.full(free_m.shape, person.most_m_s()), settings)
+            may_m_s = settings.slow_m_s + BRAKES_M_S2 * (spare_s - person.age_s - settings.reaction_s).clip(0.0)
+            takes_s = np.maximum(takes_s, (steps_m / may_m_s).max(axis=1))
+        return float(takes_s.sum()) + held_s, float(hurried_s.sum())
 
     def _ways_back(self, ends_rad: Array) -> Iterator[Array]:
         """Ways (k, joints) that lead back from the person at first, or come to them last; also by a middle between."""

@@ -103,6 +103,10 @@ class Person:
             most = speed * (1 + 2 * later_s / last_s) if last_s > 0 else speed
         return min(most, max(self.hand_speed_m_s, speed))
 
+    def works(self, most_m_s: float) -> bool:
+        """Whether it is seen to stay where it is: no faster than that."""
+        return self.velocity_m_s is not None and self._speed_m_s <= most_m_s
+
     @cached_property
     def _speed_m_s(self) -> float:
         return float(np.linalg.norm(np.array(self.velocity_m_s)))

@@ -25,6 +25,7 @@ from btxml.engine.traits import Traits
 MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 RESTS_M_S = 0.05  # chosen: above what a tracker makes of a hand that lies still
+WORKS_M_S = 0.25  # a hand that is faster is on its way; screwing hands have up to 0.2
 GOES_S = 0.5  # an arm whose way was clear so long ago goes there
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
@@ -121,10 +122,13 @@ class HandWatch(CellNode):
     way_m = InputPort(
         float, "how much of the way counts, from the tool onwards; all of it by default", default=10.0, least=0
     )
+    steady_s = InputPort(
+        float, "how long the way must be clear of a hand that was near, unless that leaves", default=0.0, least=0
+    )
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5, least=0)
-    persistent = ("_clear_s",)
+    persistent = ("_clear_s", "_near_s")
 
-    _clear_s = -math.inf  # when the way was clear last
+    _clear_s = _near_s = -math.inf  # when the way was clear last, and when the hand was near it
 
     def target(self) -> tuple[str, Array]:
         """What the arm goes to, in words, and where it is on the bench, (2,)."""
@@ -143,8 +147,11 @@ class HandWatch(CellNode):
         away_m = float(np.min([distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m)]))
         given = {"lookahead_s": self.lookahead_s.get(), "way_m": self.way_m.get()}
         now_s = self.now.observation.time_s
-        goes_on = now_s - self._clear_s <= GOES_S and self.goes_on_m.get() < self.distance_m.get()
-        if self.compare(away_m, ">=", self.goes_on_m if goes_on else self.distance_m, name, **given):
+        goes_on = self._clear_s > max(self._near_s, now_s - GOES_S) and self.goes_on_m.get() < self.distance_m.get()
+        clear = self.compare(away_m, ">=", self.goes_on_m if goes_on else self.distance_m, name, **given)
+        self._near_s = self._near_s if clear else now_s
+        leaves = math.hypot(*(view.hand.velocity_m_s or (0.0, 0.0))) > WORKS_M_S
+        if clear and (goes_on or leaves or self.compare(now_s - self._near_s, ">=", self.steady_s)):
             self._clear_s = now_s
             return Status.SUCCESS
         self.feedback_message = Message("the hand is near the way to {name}", name=name)

@@ -195,7 +195,12 @@ class WithoutGuard(CellNode):
 
 
 def judge(
-    services: Services, plan: AssemblyPlan, state: AssemblyState, part: str, position: str, waited_s: float | None = None
+    services: Services,
+    plan: AssemblyPlan,
+    state: AssemblyState,
+    part: str,
+    position: str,
+    waited_s: float | None = None,
 ) -> Verdict:
     """The guard's verdict on one placement with what is seen in this tick.
 

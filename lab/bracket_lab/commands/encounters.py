@@ -20,7 +20,7 @@ from bracket_lab.commands.shared import Shared
 from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio, timed_pair
 from bracket_lab.evaluations.encounters import Tracker, encounter, passed, summary
 
-BESIDE = ("careful", "ordinary")  # persons for whom the price of separation is measured
+BESIDE = ("careful", "ordinary", "hasty")  # persons for whom the price of separation is measured
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
 

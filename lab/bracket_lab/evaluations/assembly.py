@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
@@ -47,18 +49,21 @@ def throughput_ratio(rows: Sequence[Row], tree: Path, person: str) -> Row | None
     """The sum of times with separation over the sum without, of pairs that were finished both; None without any.
 
     Returns:
-        `ratio`, `least` and `most` of a pair, `n` pairs, and how many more were `unfinished`.
+        `ratio` with its 95 % interval from drawing pairs again, `low` to `high`, the mean times of both, `n` pairs, and
+        how many more were `unfinished`.
     """
     own = [
         row for row in rows if (row["kind"], row.get("tree"), row.get("person")) == ("throughput", tree.name, person)
     ]
-    times = [(float(str(row["with_s"])), float(str(row["without_s"]))) for row in own if _finished(row)]
-    if not times:
+    times = np.array([(row["with_s"], row["without_s"]) for row in own if _finished(row)], dtype=float)
+    if not len(times):
         return None
-    ratios = sorted(one / other for one, other in times)
-    ratio = sum(one for one, _ in times) / sum(other for _, other in times)
-    spread = {"least": round(ratios[0], 3), "most": round(ratios[-1], 3)}
-    return {"ratio": round(ratio, 3), **spread, "n": len(times), "unfinished": len(own) - len(times)}
+    drawn = np.random.default_rng(0).choice(times, (DRAWS, len(times)))
+    sums, (with_s, without_s) = drawn.sum(axis=1), times.mean(axis=0)
+    low, high = np.percentile(sums[:, 0] / sums[:, 1], (2.5, 97.5))
+    found = {"ratio": with_s / without_s, "low": low, "high": high, "with_s": with_s, "without_s": without_s}
+    rounded = {name: round(float(value), 3) for name, value in found.items()}
+    return {**rounded, "n": len(times), "unfinished": len(own) - len(times)}
 
 
 def _finished(row: Row) -> bool:
@@ -71,6 +76,7 @@ def _time_s(path: Path, tree: Path, person: str, seed: int, table: FaultTable) -
     return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None
 
 
+DRAWS = 10_000  # of pairs, for an interval
 ALGORITHM_1 = shipped("bracket_cell.trees", "assemble.xml")
 Injected = Injection | Injections | None
 

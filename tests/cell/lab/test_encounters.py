@@ -172,7 +172,10 @@ def test_the_ratio_takes_only_pairs_that_were_finished_both_and_only_of_its_tree
     found = throughput_ratio([*rows, {"kind": "assembly"}], ALGORITHM_1, "careful")
     assert found is not None
     assert found["ratio"] == 1.2
-    assert found["least"] <= found["ratio"] <= found["most"]
+    assert (found["low"], found["high"], found["n"], found["unfinished"]) == (1.2, 1.2, 1, 1)
+    more = throughput_ratio([*rows, {**rows[0], "with_s": 90.0}], ALGORITHM_1, "careful")
+    assert more is not None
+    assert (more["low"], more["ratio"], more["high"], more["with_s"]) == (1.2, 1.5, 1.8, 75.0)
     assert throughput_ratio(rows, ALGORITHM_1, "ordinary") is None
 
 

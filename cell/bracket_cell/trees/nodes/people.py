@@ -128,7 +128,8 @@ class HandWatch(CellNode):
     stale_s = InputPort(float, "oldest acceptable view of the bench", default=0.5, least=0)
     persistent = ("_clear_s", "_near_s")
 
-    _clear_s = _near_s = -math.inf  # when the way was clear last, and when the hand was near it
+    _clear_s = -math.inf  # when the way was clear last
+    _near_s: float | None = None  # when the hand was near it last
 
     def target(self) -> tuple[str, Array]:
         """What the arm goes to, in words, and where it is on the bench, (2,)."""
@@ -147,11 +148,12 @@ class HandWatch(CellNode):
         away_m = float(np.min([distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m)]))
         given = {"lookahead_s": self.lookahead_s.get(), "way_m": self.way_m.get()}
         now_s = self.now.observation.time_s
-        goes_on = self._clear_s > max(self._near_s, now_s - GOES_S) and self.goes_on_m.get() < self.distance_m.get()
+        goes_on = self._clear_s > max(self._near_s or 0.0, now_s - GOES_S)
+        goes_on = goes_on and self.goes_on_m.get() < self.distance_m.get()
         clear = self.compare(away_m, ">=", self.goes_on_m if goes_on else self.distance_m, name, **given)
         self._near_s = self._near_s if clear else now_s
-        leaves = math.hypot(*(view.hand.velocity_m_s or (0.0, 0.0))) > WORKS_M_S
-        if clear and (goes_on or leaves or self.compare(now_s - self._near_s, ">=", self.steady_s)):
+        at_once = goes_on or self._near_s is None or (view.hand.speed_m_s or 0.0) > WORKS_M_S
+        if clear and (at_once or self.compare(now_s - (self._near_s or 0.0), ">=", self.steady_s)):
             self._clear_s = now_s
             return Status.SUCCESS
         self.feedback_message = Message("the hand is near the way to {name}", name=name)

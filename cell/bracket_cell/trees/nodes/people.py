@@ -25,7 +25,7 @@ from btxml.engine.traits import Traits
 MAY_BE = 0.05  # a goal that is less probable does not keep a bracket from being finished
 DONE_BY = {"screw": "turn a screw", "assembly": "place a part", "transit": "move your hand", "idle": "rest your hand"}
 RESTS_M_S = 0.05  # chosen: above what a tracker makes of a hand that lies still
-WORKS_M_S = 0.25  # a hand that is faster is on its way; screwing hands have up to 0.2
+LEAVES_M_S = 0.25  # a hand that is faster is on its way; screwing hands have up to 0.2
 GOES_S = 0.5  # an arm whose way was clear so long ago goes there
 TELLS_S = 3.0  # the last part is in for so long before it is told why the bracket is not finished
 
@@ -148,11 +148,11 @@ class HandWatch(CellNode):
         away_m = float(np.min([distance_m(point, *way) for point in (soon.fingertips_m, soon.palm_m)]))
         given = {"lookahead_s": self.lookahead_s.get(), "way_m": self.way_m.get()}
         now_s = self.now.observation.time_s
-        goes_on = self._clear_s > max(self._near_s or 0.0, now_s - GOES_S)
-        goes_on = goes_on and self.goes_on_m.get() < self.distance_m.get()
+        went = self._clear_s > max(self._near_s or 0.0, now_s - GOES_S)
+        goes_on = went and self.goes_on_m.get() < self.distance_m.get()
         clear = self.compare(away_m, ">=", self.goes_on_m if goes_on else self.distance_m, name, **given)
         self._near_s = self._near_s if clear else now_s
-        at_once = goes_on or self._near_s is None or (view.hand.speed_m_s or 0.0) > WORKS_M_S
+        at_once = goes_on or self._near_s is None or (view.hand.speed_m_s or 0.0) > LEAVES_M_S
         if clear and (at_once or self.compare(now_s - (self._near_s or 0.0), ">=", self.steady_s)):
             self._clear_s = now_s
             return Status.SUCCESS

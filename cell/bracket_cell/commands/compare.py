@@ -27,7 +27,8 @@ from bracket_ground.errors import InputError, counted
 
 if TYPE_CHECKING:
     from bracket_cell.fleet.compare import Finding, Row
-    from bracket_cell.fleet.spec import Sweep, Task
+    from bracket_cell.fleet.spec import Sweep
+    from bracket_cell.fleet.task import Task
 
 FleetWorkersOption = Annotated[
     int, typer.Option("--workers", min=1, help="Processes on this machine; half its processors by default.")

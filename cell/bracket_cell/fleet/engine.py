@@ -23,7 +23,7 @@ from functools import partial
 from typing import Any
 
 from bracket_cell.fleet.one_run import ChildDied, Row, T, in_child, run_task
-from bracket_cell.fleet.spec import Task
+from bracket_cell.fleet.task import Task
 from bracket_cell.packages import needed
 from bracket_cell.recording.identity import code_version, versions
 from bracket_ground.errors import CellError, InputError, words_of

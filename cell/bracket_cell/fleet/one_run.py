@@ -24,9 +24,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bracket_cell.fleet.spec import Task
 from bracket_cell.fleet.store import is_address, put
 from bracket_cell.fleet.table import order_id
+from bracket_cell.fleet.task import Task
 from bracket_cell.recording.parts import parts_of
 from bracket_ground.errors import CellError
 
@@ -246,15 +246,15 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
     from bracket_cell.runs.options import RunOptions
     from bracket_cell.runs.run import run
 
-    for name, content in task.files:
+    for name, content in task.packed.files:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
     away = task.logs is not None and is_address(task.logs)
     log = folder / "run.mcap" if task.logs is None or away else Path(task.logs) / f"{task.key}.mcap"
     options = RunOptions(
-        tree=folder / task.tree,
-        configuration=folder / task.configuration,
+        tree=folder / task.packed.tree,
+        configuration=folder / task.packed.configuration,
         goal=task.goal,
         seed=task.seed,
         person=_sent(folder, task.person),
@@ -266,7 +266,7 @@ def _run(task: Task, folder: Path) -> dict[str, Any]:
         images=task.logs is not None and task.pixels,
         pixels=task.pixels,
         one_process=True,
-        nodes=tuple(str(folder / name) for name in task.nodes),
+        nodes=tuple(str(folder / name) for name in task.packed.nodes),
     )
     summary = dict(run(options, Console(file=io.StringIO())).summary)
     summary["order_id"] = order_id(summary)

@@ -16,7 +16,8 @@ import psutil
 import pytest
 
 from bracket_cell.fleet.engine import cluster, results
-from bracket_cell.fleet.spec import Task
+from bracket_cell.fleet.packing import Packed
+from bracket_cell.fleet.task import Task
 from bracket_ground.errors import InputError
 from tests import ROOT
 from tests.cell.fleet import working
@@ -26,7 +27,8 @@ DASK = (sys.executable, "-m", "dask")
 
 
 def task(number: int) -> Task:
-    return Task("t", "c", (("n", str(number).encode()),), number, "g0", None, None, None, None, (("tree", "t"),))
+    packed = Packed("t", "c", (("n", str(number).encode()),))
+    return Task(packed, number, "g0", None, None, None, None, (("tree", "t"),))
 
 
 @contextmanager

@@ -19,8 +19,10 @@ import pytest
 
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product, simulated
 from bracket_cell.fleet.one_run import _sent, run_here
-from bracket_cell.fleet.spec import MOST_SENT_BYTES, Seeds, Sweep, Task, apart, count, load_sweep, tasks
+from bracket_cell.fleet.packing import MOST_SENT_BYTES
+from bracket_cell.fleet.spec import Seeds, Sweep, apart, count, load_sweep, tasks
 from bracket_cell.fleet.table import read_table
+from bracket_cell.fleet.task import Task
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.robot import FOLDER
 from tests.arms import NEARER, cell_file, robot_file
@@ -92,7 +94,7 @@ def test_every_combination_is_a_task_of_its_own() -> None:
     found = list(tasks(sweep))
     assert len({task.key for task in found}) == len(found) == count(sweep) == 8
     assert [task.seed for task in found] == [0] * 4 + [1] * 4
-    names = {name for name, _ in found[0].files}
+    names = {name for name, _ in found[0].packed.files}
     assert {
         "trees/assemble.xml",
         "trees/clear_and_grasp.xml",
@@ -140,11 +142,11 @@ def test_weights_and_nodes_travel_with_a_run_and_are_in_its_key(tmp_path: Path) 
     for content in (weights.read_bytes(), weights.read_bytes() + b"\0"):
         weights.write_bytes(content)
         [task] = tasks(Sweep(configurations=(configuration,)), None, [str(nodes)])
-        sent = dict(task.files)
+        sent = dict(task.packed.files)
         [name] = [one for one in sent if one.endswith("grasp.onnx")]
         assert sent[name] == content
-        assert "../own/grasp.onnx" in sent[task.configuration].decode()
-        assert [Path(node).name for node in task.nodes] == ["mine.py"]
+        assert "../own/grasp.onnx" in sent[task.packed.configuration].decode()
+        assert [Path(node).name for node in task.packed.nodes] == ["mine.py"]
         keys.append(task.key)
     assert keys[0] != keys[1]
     weights.write_bytes(bytes(MOST_SENT_BYTES + 1))
@@ -211,7 +213,7 @@ def test_people_are_files_beside_the_sweep_and_come_back_to_no_file(tmp_path: Pa
     found = list(tasks(load_sweep(spec)))
     assert [dict(task.label)["person"] for task in found] == ["me.yaml", "seated,me.yaml", "careful"]
     for task in found:
-        assert all(Path(name).parts[0] in ("config", "people", "trees") for name, _ in task.files)
+        assert all(Path(name).parts[0] in ("config", "people", "trees") for name, _ in task.packed.files)
         there = unpacked(task, tmp_path / task.key)
         people = _sent(there.parent.parent, task.person)
         simulation: Any = simulated(load_configuration(), None, people).devices.simulation
@@ -224,10 +226,10 @@ def test_people_are_files_beside_the_sweep_and_come_back_to_no_file(tmp_path: Pa
 
 def unpacked(task: Task, folder: Path) -> Path:
     """The configuration of a task among its files, as a worker writes them."""
-    for name, content in task.files:
+    for name, content in task.packed.files:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
-    return folder / task.configuration
+    return folder / task.packed.configuration
 
 
 def _ended(summary: dict[str, Any]) -> Any:

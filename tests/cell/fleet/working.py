@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from bracket_cell.fleet.one_run import in_child, limited
-from bracket_cell.fleet.spec import Task
+from bracket_cell.fleet.task import Task
 from bracket_ground.errors import InputError
 
 

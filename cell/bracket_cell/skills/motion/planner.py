@@ -193,12 +193,12 @@ class MotionPlanner:
 
     def _around(self, scene: Scene, start_rad: Array, goal_rad: Array, load: Load) -> Looking:
         """A lift is often enough; then whatever a search finds."""
-        from bracket_cell.skills.motion.search import ways_around  # most runs never search
-
         clear_m = self._below_parts_m(start_rad, load)
         for lift_m, drop_m in LIFTS_M:
             yield self._lifted(scene, load.opening_m, (start_rad, goal_rad), max(lift_m, clear_m), drop_m)
         if not (scene.touches(start_rad) or scene.touches(goal_rad)):
+            from bracket_cell.skills.motion.search import ways_around  # most runs never search
+
             limits_rad = self.kinematics.limits_rad
             ends = np.array([start_rad, goal_rad])
             wide = self.scene(load, SPARE_M)

@@ -67,6 +67,7 @@ class FakeArm:
     clock: ManualClock
     calls: list[str] = field(default_factory=list)
     coast_polls: int = 0
+    swing_polls: int = 0
     stop_error: Exception | None = None
     shares: list[float] = field(default_factory=list)
     mode: ArmMode = "normal"
@@ -75,7 +76,9 @@ class FakeArm:
     def state(self) -> ArmState:
         moving = "stop" in self.calls and self.coast_polls > 0
         self.coast_polls -= moving
-        return ArmState(self.clock.now_s(), self.positions_rad, PARKED, moving, self.mode)
+        swings = "stop" in self.calls and self.swing_polls > 0
+        self.swing_polls -= swings
+        return ArmState(self.clock.now_s(), self.positions_rad, (0.1 * swings, *PARKED[1:]), moving, self.mode)
 
     def follow(self, trajectory: JointTrajectory) -> JointTrajectory:
         self.calls.append("follow")

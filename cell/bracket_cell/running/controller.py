@@ -215,11 +215,11 @@ class Controller:
             self._record(seen, name, changes, asked, sent, joints, began_s)
         return status
 
-    def _look(self) -> tuple[Observation, JointSamples | None]:
+    def _look(self, stopping: bool = False) -> tuple[Observation, JointSamples | None]:
         """Observe, and let the supervisor judge; the observation says what it allows."""
         self._watchdog.tick()
         seen, joints = self.observe(), self._reader.samples()
-        self._judgement = made = self._supervisor.judge(seen)
+        self._judgement = made = self._supervisor.judge(seen, stopping)
         self._seen = self._actor.seen(replace(seen, speed_scale=made.speed_scale, holding_faults=made.holding_faults))
         if seen.acknowledged:
             paused = seen.operator.pause == "now"
@@ -308,9 +308,8 @@ class Controller:
         began_s = time.perf_counter()
         try:
             self._watchdog.step("reading the devices")
-            seen, joints = self._signals.interruptible(self._look)
-            words = self._judgement.reasons
-            self._judgement = SafetyDecision(Action.STOP, 0.0, words)
+            seen, joints = self._signals.interruptible(partial(self._look, stopping=True))
+            self._judgement = SafetyDecision(Action.STOP, 0.0, self._judgement.reasons)
             services.now.observation = seen
             self._actor.pace(0.0)
             self._record(seen, STOPPING, changes, Command(), SentCommand(), joints, began_s)

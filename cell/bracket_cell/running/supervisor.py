@@ -90,8 +90,9 @@ class Supervisor:
         own = GripperMemory() if gripper is None else GripperMemory.of(gripper)
         self._memory, self._share, self._monitor = Memory(own), share, monitor
 
-    def judge(self, observation: Observation) -> SafetyDecision:
-        """What is allowed in the tick that saw this."""
+    def judge(self, observation: Observation, stopping: bool = False) -> SafetyDecision:
+        """What is allowed in the tick that saw this; the safe stop takes the arm off its path."""
+        self._memory.trajectory = None if stopping else self._memory.trajectory
         self._memory.see(observation)
         return self._judge(observation, Command(), [row for row in self._rows if row[0].signal not in OF_COMMANDS])
 

@@ -182,6 +182,20 @@ def test_the_run_waits_until_the_arm_stands() -> None:
     assert [record.status for record in rig.observer.records] == ["SUCCESS"] + ["STOPPING"] * 11
 
 
+def test_an_arm_that_the_stop_took_off_its_path_is_not_told_to_be_off_it() -> None:
+    rig = Rig()
+    rig.arm.swing_polls = 10
+
+    def act(tick: int) -> Status:
+        if tick == 1:
+            rig.services.now.command.follow = JointTrajectory(np.array([0.0, 1.0]), np.array([[0.0] * 6, [1.0] * 6]))
+        return after(1, Status.SUCCESS)(tick)
+
+    rig.run(act)
+    assert [record.status for record in rig.observer.records].count("STOPPING") > 3
+    assert not any("follow its trajectory" in message for message in rig.observer.messages)
+
+
 def test_an_arm_that_never_stands_is_a_fault() -> None:
     rig = Rig(ControllerSettings(stop_timeout_s=1.0))
     rig.arm.coast_polls = 10**6

@@ -235,7 +235,7 @@ class Replay:
 
     def _judged(self, tick: LoggedTick) -> SafetyDecision:
         try:
-            return self._supervisor.judge(tick.observation)
+            return self._supervisor.judge(tick.observation, tick.status == STOPPING)
         except Exception as error:  # what a log says that is wrong may raise anything in checks of sound values
             what = f"tick {tick.number} at {tick.time_s:.2f} s cannot be judged: {mistakes(error)[0]}"
             raise LogError(self.log.path, what) from None

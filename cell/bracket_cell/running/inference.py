@@ -46,6 +46,11 @@ class Executor(Protocol[Job_contra, Answer_co]):
 class FaultInjection(Observer):
     """Faults of a run on trial: proxies around devices and detectors; it observes when they are to come."""
 
+    @property
+    def told(self) -> str:
+        """When each came, or that it never did."""
+        raise NotImplementedError
+
     def devices(self, devices: Devices) -> Devices:
         """The same devices with the faults.
 

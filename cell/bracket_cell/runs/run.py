@@ -210,6 +210,8 @@ def _run(
         sheet, outcome = _sheet(options, log, parts.recorder, parts.moments, outcome)
         watchdog.step("the summary")
         summary = summary_of(options, files, outcome, parts.counts, parts.devices, parts.recorder, sheet)
+        if injection is not None:
+            summary["injected"] = injection.told
         rows = run_summary(summary, files.product, files.configuration.controller.tick_hz)
         return RunResult(outcome, summary, rows)
 

@@ -17,9 +17,8 @@ def run_summary(summary: Mapping[str, Any], product: Product, tick_hz: float) ->
         summary: the keys of `cell run --json`.
     """
     rows: Rows = {"result": _result(summary)}
-    for key, heading in (("cause", "why"), ("condition", "arm and gripper"), ("log_shortfall", "the log lacks")):
-        if summary.get(key):
-            rows[heading] = str(summary[key])
+    headings = {"cause": "why", "condition": "arm and gripper", "log_shortfall": "the log lacks", "injected": "fault"}
+    rows |= {heading: str(summary[key]) for key, heading in headings.items() if summary.get(key)}
     if problems := summary.get("observer_problems"):
         rows["beside the run"] = "; ".join(map(str, problems))
     if summary.get("brackets"):

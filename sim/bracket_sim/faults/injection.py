@@ -124,6 +124,12 @@ class Injection(FaultInjection):
         return FAULTS.get(self.fault, AS_DATA)
 
     @property
+    def told(self) -> str:
+        """When the fault came, or that it never did."""
+        never = f"{self.fault} never came: the work was not, or too briefly, in state {self.state}"
+        return never if self.began_s is None else f"{self.fault} came at {self.began_s:.2f} s"
+
+    @property
     def of_orders(self) -> bool:
         """Only the next command shows it."""
         return bool(self._faults) and all(fault.device == "arm" and fault.signal in ORDERS for fault in self._faults)
@@ -204,6 +210,11 @@ class Injections(FaultInjection):
 
     def __init__(self, injections: Sequence[Injection]) -> None:
         self.injections = tuple(injections)
+
+    @property
+    def told(self) -> str:
+        """The same of all."""
+        return "; ".join(injection.told for injection in self.injections)
 
     def devices(self, devices: Devices) -> Devices:
         """The same devices with the proxies of all."""

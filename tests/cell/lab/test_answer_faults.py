@@ -177,3 +177,11 @@ def test_every_kind_can_be_put_into_an_answer(name: str) -> None:
         return
     for kind in DETECTED[name].kinds:
         assert len(answers(f"{name}:{kind}")) == 16
+
+
+def test_a_run_tells_when_its_faults_came() -> None:
+    both = Injections([Injection("part_falls", "lift"), Injection("arm_nan", "carry")])
+    both.injections[1].begin("arm_nan", 3.0)
+    assert both.told == (
+        "part_falls never came: the work was not, or too briefly, in state lift; arm_nan came at 3.00 s"
+    )

@@ -50,8 +50,9 @@ def test_a_shift_is_told_by_its_brackets() -> None:
 
 def test_a_run_that_failed_says_why() -> None:
     failed = {"finished": False, "end": "failed", "reason": "the tree failed", "cause": "FindPart: no o9 in the tray"}
-    rows = run_summary({**SUMMARY, **failed}, PRODUCT, 25.0)
+    rows = run_summary({**SUMMARY, **failed, "injected": "arm_nan came at 3.00 s"}, PRODUCT, 25.0)
     assert rows["result"] == "failed: the tree failed"
+    assert rows["fault"] == "arm_nan came at 3.00 s"
     assert rows["why"] == "FindPart: no o9 in the tray"
 
 

@@ -11,6 +11,7 @@ import asyncio
 import itertools
 import logging
 import pickle
+import signal
 import sys
 import tempfile
 import time
@@ -20,6 +21,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import resource_tracker
 from typing import Any
 
 from bracket_cell.fleet.one_run import ChildDied, Row, T, in_child, run_task
@@ -84,17 +86,29 @@ def cluster(workers: int, address: str | None = None) -> Iterator[Any]:
             tempfile.TemporaryDirectory(prefix="cell-sweep-", ignore_cleanup_errors=True) as folder,
             dask.config.set({"temporary-directory": folder}),
         ):
-            local = distributed.LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address=None,
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its HTTP server takes any port that is free
-                silence_logs=50,
-                env={"TMPDIR": folder},
-            )
+            with _deaf():
+                local = distributed.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # HTTP at any port that is free
+                    silence_logs=50,
+                    env={"TMPDIR": folder},
+                )
             with _closed(local), _closed(distributed.Client(local)) as client:
                 yield client
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Threads and processes that begin in here, and theirs, do not hear a Ctrl-C: it is for who waits for them."""
+    resource_tracker.ensure_running()  # it unblocks the signal as it begins
+    heard = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
 
 @contextmanager

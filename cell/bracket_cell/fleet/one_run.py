@@ -59,7 +59,8 @@ class _Child:
         reads, writes = os.pipe()
         program = [sys.executable, "-c", SERVE.format(answers=writes)]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        self._process = subprocess.Popen(program, stdin=subprocess.PIPE, pass_fds=(writes,), env=environment)
+        own: dict[str, Any] = {"pass_fds": (writes,), "env": environment, "start_new_session": True}  # no Ctrl-C
+        self._process = subprocess.Popen(program, stdin=subprocess.PIPE, **own)
         os.close(writes)
         assert self._process.stdin is not None
         self._calls, self._answers = self._process.stdin, os.fdopen(reads, "rb", 0)
@@ -177,6 +178,7 @@ def serve(answers: int) -> None:
     """Answer calls until nobody asks any more; the work of a child process."""
     calls, replies = sys.stdin.buffer, os.fdopen(answers, "wb")
     os.dup2(2, 1)  # what a run prints is no answer
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # which workers block: a run may be sent its own
     waiting: queue.Queue[Any] = queue.Queue()
 
     def listen() -> None:

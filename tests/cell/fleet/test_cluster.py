@@ -89,3 +89,11 @@ def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeyp
     monkeypatch.setattr("bracket_cell.fleet.engine.CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(1, address):
         pass
+
+
+def test_workers_do_not_hear_the_ctrl_c_that_ends_a_sweep() -> None:
+    """They wrote tracebacks over the last words."""
+    with cluster(1) as client:
+        (blocked,) = client.run(signal.pthread_sigmask, signal.SIG_BLOCK, []).values()
+        assert signal.SIGINT in blocked
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])

@@ -38,6 +38,11 @@ def test_a_function_that_is_not_there_is_an_error_and_the_next_call_is_answered(
     assert next_call_is_answered()
 
 
+def test_ctrl_c_does_not_reach_it_and_a_run_can_be_sent_one() -> None:
+    assert in_child(os.getsid, 0) != os.getsid(0)
+    assert signal.SIGINT not in in_child(signal.pthread_sigmask, signal.SIG_BLOCK, [])
+
+
 def test_an_error_that_cannot_be_made_again_is_told_in_words_and_the_next_call_is_answered() -> None:
     with pytest.raises(CellError, match="Awkward: the run: it is odd"):
         in_child(working.awkward)

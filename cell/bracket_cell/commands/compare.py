@@ -108,8 +108,10 @@ def _pairs(
 ) -> Sequence[tuple[Row, Row]]:
     """Runs of both trees that have the same seed, person and goal; raises InputError where there are none."""
     from bracket_cell.fleet.compare import pair
+    from bracket_cell.fleet.spec import tasks
 
-    by_tree = [_keys(asked.model_copy(update={"trees": (tree,)}), nodes) for tree in asked.trees]
+    sides = [asked.model_copy(update={"trees": (tree,)}) for tree in asked.trees]  # they may have one name and content
+    by_tree = [{task.key for task in tasks(side, None, nodes)} for side in sides]
     found_by_tree = [[row for row in done if row["key"] in keys] for keys in by_tree]
     if pairs := pair(before or found_by_tree[0], found_by_tree[-1]):
         return pairs
@@ -136,13 +138,6 @@ def _tell(
             typer.echo(line)
     for text in broken:
         console().print(f"beyond the bound: {text}", highlight=False)
-
-
-def _keys(asked: Sweep, nodes: Iterable[str]) -> set[str]:
-    """Of the runs of one side: two trees may have one name, and even one content."""
-    from bracket_cell.fleet.spec import tasks
-
-    return {task.key for task in tasks(asked, None, nodes)}
 
 
 def _label(tree: Path, trees: Sequence[Path]) -> str:
@@ -225,6 +220,9 @@ def run_all(tasks: Iterable[Task], total: int, out: str, workers: int, scheduler
             finally:  # what is done is in the table, however it ends
                 done = [key for key in wanted if key in store]
                 write_table(store.rows_of(done), folder / "runs.parquet")
+        if others := len(store.keys) - len(done):
+            told = f"{counted(others, 'row')} of {out}/runs.jsonl not in the table: other files, settings or versions"
+            console().print(told, highlight=False)
         for why in lost[:1]:
             console().print(f"{counted(len(lost), 'run')} lost; the first: {why}", highlight=False)
         yield Rows(folder, len(done), len(wanted) - len(done))

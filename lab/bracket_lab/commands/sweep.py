@@ -39,11 +39,8 @@ def sweep(
     with run_all(runs, count(asked), out, workers, scheduler) as rows:
         ends = dict(sorted(Counter(str(row["end"]) for row in rows.read(["end"])).items()))
     table = f"{out}/runs.parquet"
-    console().print(f"{rows.done} runs in {table}: {_words(ends)}", highlight=False)
+    words = ", ".join(f"{count} {end}" for end, count in ends.items()) or "none"
+    console().print(f"{rows.done} runs in {table}: {words}", highlight=False)
     if as_json:
         print_json({"runs": rows.done, "of": rows.done + rows.missing, "ends": ends, "table": table})
     return 1 if ends.get("crashed") or rows.missing else 0
-
-
-def _words(ends: dict[str, int]) -> str:
-    return ", ".join(f"{count} {end}" for end, count in ends.items()) or "none"

@@ -89,6 +89,19 @@ def test_a_sweep_whose_worker_is_killed_has_all_runs(tmp_path: Path) -> None:
     assert (done.returncode, (out / "runs.jsonl").read_bytes()) == (0, before)
 
 
+@pytest.mark.long
+def test_rows_of_another_sweep_in_its_folder_are_told(tmp_path: Path) -> None:
+    """What a changed file or program leaves out of the table is no silent new beginning."""
+    spec, out = tmp_path / "spec.yaml", tmp_path / "out"
+    command = [sys.executable, "-m", "bracket_cell", "lab", "sweep", str(spec), "--out", str(out), "--workers", "1"]
+    said = []
+    for longest_s in (0.2, 0.3):
+        spec.write_text(f"seeds: {{first: 3, count: 2}}\nmax_duration_s: {longest_s}\npixels: false\n")
+        said.append(" ".join(subprocess.run(command, capture_output=True, text=True, check=True).stderr.split()))
+    assert "not in the table" not in said[0]
+    assert re.search(r"2 rows of \S+ not in the table: other files, settings or versions", said[1])
+
+
 def test_every_combination_is_a_task_of_its_own() -> None:
     sweep = Sweep(seeds=Seeds(count=2), people=("careful", "careless"), goals=("g0", "random"), faults=(None,))
     found = list(tasks(sweep))

@@ -280,3 +280,20 @@ def test_no_image_comes_again_for_minutes(blind: SimCell) -> None:
         for number in range(0, 8192, SHIFTS_PX)
     ]
     assert len(set(images)) == len(images)
+
+
+def test_a_part_between_the_fingers_is_in_no_hole(blind: SimCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, part, (x, y) = blind.world, blind.world.bodies[0], product().bracket.holes_m["p1"]
+
+    def seen_at_p1(number: int) -> str | None:
+        assert blind.sight is not None
+        exposure = Exposure("overhead", number, 0.0, world.camera_pose("overhead"), (visible_poses(world.data),))
+        return blind.sight.read(blind.sight.take(exposure), None)["p1"].part
+
+    assert seen_at_p1(0) is None
+    world.place(part, world.bench.bracket.pose @ Pose((x, y, 0.010)))
+    world.update_poses()
+    with monkeypatch.context() as held:
+        held.setattr(world, "held", lambda: part)
+        assert seen_at_p1(1) is None
+    assert seen_at_p1(2) == part.part

@@ -164,7 +164,7 @@ class World:
 
         It is brought back towards where it was gripped, so slowly that what is pulled or pushed slips all the same.
         """
-        part = self._held()
+        part = self.held()
         if part is None:
             self._grip = None
             return
@@ -178,7 +178,7 @@ class World:
         elif missing > 0.0:
             data.qpos[part.qpos : part.qpos + 3] += min(1.0, KEEPS_M_S * dt_s / missing) * missing_m
 
-    def _held(self) -> WorldPart | None:
+    def held(self) -> WorldPart | None:
         """The part that both fingers touch, or the cup that sucks, if there is one."""
         if not self.data.ncon or (self._suction is not None and not self.data.ctrl[self._suction] > 0):
             return None

@@ -201,14 +201,14 @@ class GroundTruthPerception:
     def _seen_at(
         self, exposure: Exposure, eye: Array, holes: Mapping[str, Array], of: str
     ) -> Iterator[tuple[str, HoleView]]:
-        """Views of those holes of a body that nothing hides."""
-        world = self._world
+        """Views of those holes of a body that nothing hides; what the gripper still holds is in none."""
+        world, held = self._world, self._world.held()
+        where = {part: world.data.body(part).xpos for part in world.parts if held is None or part != held.name}
         for name, hole in holes.items():
             near = (
                 part
-                for part in world.parts
-                if _in_hole(world.data.body(part).xpos - hole)
-                and min(holes, key=lambda at: np.linalg.norm(world.data.body(part).xpos - holes[at])) == name
+                for part, at in where.items()
+                if _in_hole(at - hole) and min(holes, key=lambda other: np.linalg.norm(at - holes[other])) == name
             )
             part = next(near, None)
             top_m = 0.0 if part is None else world.product.parts[world.parts[part]].size_m[2]

@@ -15,6 +15,7 @@ from bracket_cell.runs.hand_rest import rest_advice
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_cell.skills.motion.resting import with_resting_poses
 from bracket_cell.skills.motion.trajectory import joint_move
+from bracket_cell.wiring.bench_checks import in_view
 from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
@@ -201,14 +202,6 @@ def _late(times_s: Mapping[str, float], usual_s: float) -> list[str]:
     """Places that take much longer than is usual, in words; those out of reach are said elsewhere."""
     return [f"{name} {time_s:.1f} s, usual {usual_s:.1f} s" for name, time_s in times_s.items()
             if SLOW * usual_s < time_s < np.inf]  # fmt: skip
-
-
-def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> Marks:
-    """Which places (n, 3) are inside a camera's image."""
-    deep = world_from_camera.inverse().transform(places_m)[:, 2] > 0
-    pixels = setup.model.project(world_from_camera, places_m)
-    inside: Marks = deep & (pixels >= 0).all(axis=1) & (pixels <= (setup.width_px - 1, setup.height_px - 1)).all(axis=1)
-    return inside
 
 
 def _footprint(setup: CameraSetup, world_from_camera: Pose) -> Array:

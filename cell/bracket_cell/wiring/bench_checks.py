@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Set
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bracket_cell.configuration import Configuration
 from bracket_cell.learned.classical.box_model import View, obstacle_mask
@@ -21,9 +22,9 @@ from bracket_cell.trees.nodes.poses import FramedPose, fixed_frame, near_bracket
 from bracket_cell.trees.nodes.tray import PutDown as PutDownNode
 from bracket_ground.errors import Place, Problem, SettingError
 from bracket_ground.files.model import Location
-from bracket_ground.interfaces.bench import Bench
+from bracket_ground.interfaces.bench import Bench, CameraSetup
 from bracket_ground.interfaces.places import BenchPlace
-from bracket_ground.interfaces.pose import FINGERS_DOWN, Pose
+from bracket_ground.interfaces.pose import FINGERS_DOWN, Array, Pose
 from bracket_ground.interfaces.product import Product
 from btxml.engine.node import TreeNode
 from btxml.engine.ports import Input
@@ -87,7 +88,7 @@ def _unheld(configuration: Configuration, product: Product) -> dict[str, Wrong]:
 
 
 def refuse_blocked(motion: MotionPlanner) -> None:
-    """Raise SettingError where the arm would rest in something."""
+    """Raise SettingError where the arm would rest in something, or look past the tray."""
     if stuck := _stuck(motion):
         raise SettingError(*stuck)
 
@@ -97,7 +98,13 @@ def _stuck(motion: MotionPlanner) -> list[Wrong]:
         (("bench", pose), f"the arm rests in something: {contact}; {pose} left out, another is found")
         for pose, contact in motion.blocked
     ]
-    for name, place in motion.bench.places.items():
+    bench, look_rad = motion.bench, np.array(motion.bench.arm_look_rad)
+    places_m = np.multiply([(i, j, 0) for i in (-1, 0, 1) for j in (-1, 0, 1)], (*bench.tray.size_m, 0)) / 2
+    eye = motion.kinematics.forward(look_rad) @ bench.wrist.mount.pose
+    if not in_view(bench.wrist, eye, places_m + bench.tray.centre_m).any():
+        what = "from arm_look_rad the wrist camera sees nothing of the tray; left out, another is found"
+        stuck.append((("bench", "arm_look_rad"), what))
+    for name, place in bench.places.items():
         found = {part: _unreached(motion, name, place, part) for part in place.holds or motion.product.parts}
         if place.holds or all(found.values()):
             stuck += [(("bench", "places", name), what) for what in found.values() if what]
@@ -167,3 +174,13 @@ def _constant(motion: MotionPlanner, port: Input[FramedPose]) -> Pose | None:
     pose = port.get()
     frame = fixed_frame(motion.bench, motion.product, pose.frame)
     return None if frame is None else frame @ pose.pose
+
+
+def in_view(setup: CameraSetup, world_from_camera: Pose, places_m: Array) -> NDArray[np.bool_]:
+    """Which places (n, 3) are inside a camera's image."""
+    deep = world_from_camera.inverse().transform(places_m)[:, 2] > 0
+    pixels = setup.model.project(world_from_camera, places_m)
+    inside: NDArray[np.bool_] = (
+        deep & (pixels >= 0).all(axis=1) & (pixels <= (setup.width_px - 1, setup.height_px - 1)).all(axis=1)
+    )
+    return inside

@@ -73,6 +73,15 @@ def test_an_arm_that_rests_in_something_is_a_mistake(tmp_path: Path, capsys: pyt
         refuse_blocked(MotionPlanner(load_product(configuration, path), configuration.bench, configuration.motion))
 
 
+def test_a_pose_of_another_arm_that_shows_no_tray_is_a_mistake(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bench_with(tmp_path, "{name: lamp, position_m: [0.2, 0.6, 0.1], box_m: [0.1, 0.1, 0.2]}")
+    path.write_text(path.read_text().replace("arm_look_rad: [-0.7485,", "arm_look_rad: [0.9,"))
+    assert main(["check", TREE, "--config", str(path)]) == 2
+    assert "from arm_look_rad the wrist camera sees nothing of the tray; left out, another" in capsys.readouterr().err
+
+
 TENDING = ROOT / "config" / "examples" / "tending"
 
 

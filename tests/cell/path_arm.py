@@ -12,7 +12,7 @@ from bracket_ground.interfaces.observation import ArmState
 from bracket_ground.interfaces.pose import Array
 
 CYCLE_S, TRAILS_CYCLES, LATENCY_CYCLES = 0.008, 4, 2
-LIMITS_RAD_S2 = np.array([3.5, 3.5, 6.0, 8.0, 8.0, 8.0])
+LIMITS_RAD_S2 = np.array([5.0, 5.0, 6.0, 8.0, 8.0, 8.0])
 NOISE_RAD, NOISE_RAD_S = 4e-5, 1e-3
 
 

@@ -85,8 +85,8 @@ BACK_RAD_S = np.concatenate([np.linspace(0, 2, 80), np.linspace(-2, 0, 80)])
     [
         (ramp(SPEEDS_RAD_S[40:]), "at its beginning"),
         (ramp(SPEEDS_RAD_S[:-40]), "at its end"),
-        (ramp(BACK_RAD_S), "changes the speed of shoulder_pan by .* at 0.64 s, limit 3.50"),
-        (swing(lasts_s=0.5), "limit 3.50 rad/s2"),
+        (ramp(BACK_RAD_S), "changes the speed of shoulder_pan by .* at 0.64 s, limit 5.00"),
+        (swing(lasts_s=0.4), "limit 5.00 rad/s2"),
         (JointTrajectory(np.array([0.0, 1.0]), np.array([[0.0] * 6, [2.0] + [0.0] * 5])), "rad/s2"),
         (JointTrajectory(swing().times_s + 100, swing().positions_rad), "begins at 100 s, must begin at 0"),
         (JointTrajectory(swing().times_s - 5, swing().positions_rad), "begins at -5 s"),

@@ -98,7 +98,7 @@ def test_motions_are_planned_as_fast_as_the_data_sheet_allows() -> None:
 def test_a_robot_file_is_relative_to_the_configuration(tmp_path: Path) -> None:
     path = changed_configuration(tmp_path, "robot: ur10 #", "robot: own.yaml #")
     shipped = (path.parent / "robots" / "ur10.yaml").read_text()
-    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("[3.5,", "[1.5,"))
+    (tmp_path / "own.yaml").write_text(shipped.replace("name: ur10", "name: slow").replace("[5.0,", "[1.5,"))
     loaded = load_configuration(path)
     assert loaded.motion.robot == loaded.robot
     assert (loaded.robot.name, loaded.motion.acceleration_limits_rad_s2[0]) == ("slow", 1.5)

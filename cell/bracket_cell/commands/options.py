@@ -25,7 +25,7 @@ CONFIGURATION = user_or_packaged("bracket_cell.config", "cell.yaml")
 OWN_CONFIGURATION = Path("config/cell.yaml")
 MONITOR_PORT, LIVE_PORT, PAGE_PORT = 1667, 8765, 8780
 _NAME = re.compile(r"[^\W\d][\w./-]*\Z")  # of an entry
-_ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z")
+_ADDRESS = re.compile(r"(\S*:)?[\d.]+\Z|[^\s/]+:[^\s/.]*\Z")  # also HOST: before what is no port
 USUAL = {"--page": PAGE_PORT, "--real-time": 1, "--running": MONITOR_PORT}  # values of options that may stand alone
 DOORS = {"monitor": MONITOR_PORT, "breakpoints": MONITOR_PORT, "debugger": MONITOR_PORT, "live": LIVE_PORT}
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
-from bracket_cell.log.read.frames import IMAGE, decoded
+from bracket_cell.log.read.frames import IMAGE, LoggedFrame, decoded
 from bracket_cell.log.read.indexed import IndexedLog
 from bracket_cell.log.report.html_page import rendered, write_page
 from bracket_ground.errors import LogError
@@ -39,9 +38,8 @@ def clip(log: Path, until_s: float | None) -> str:
         for message in IndexedLog(log).messages(max(0.0, until_s - BEFORE_S), until_s, (OVERHEAD,)):
             if message.time_ns / 1e9 >= next_s:
                 next_s = message.time_ns / 1e9 + EACH_S
-                image = cv2.imdecode(np.frombuffer(decoded(log, message, IMAGE).data, np.uint8), cv2.IMREAD_COLOR)
-                if image is not None:
-                    frames.append(cv2.resize(image, (WIDTH_PX, WIDTH_PX * image.shape[0] // image.shape[1])))
+                image = LoggedFrame(log, OVERHEAD, next_s, decoded(log, message, IMAGE).data).image()
+                frames.append(cv2.resize(image, (WIDTH_PX, max(1, WIDTH_PX * image.shape[0] // image.shape[1]))))
     except LogError:
         return ""  # the row says what is known of it
     if not frames:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, StrictBool
 
 from bracket_ground.errors import InputError, Place, Problem, mistakes
-from bracket_ground.files.files import read_text
+from bracket_ground.files.files import read_text, regular
 from bracket_ground.files.model import Model
 from bracket_ground.interfaces.perception import SEGMENT_FRAMES, ActionKind
 from bracket_ground.interfaces.pose import Pose
@@ -220,12 +221,12 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """An image file as RGB.
 
     Raises:
-        InputError: it is missing or damaged.
+        InputError: it is missing, damaged, or larger than OpenCV reads.
     """
-    read = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if read is None:
-        raise InputError(f"{path}: is not an image, or is not there")
-    return np.ascontiguousarray(read[..., ::-1], np.uint8)
+    with suppress(cv2.error, OSError):
+        if (read := cv2.imread(str(regular(path)), cv2.IMREAD_COLOR)) is not None:
+            return np.ascontiguousarray(read[..., ::-1], np.uint8)
+    raise InputError(f"{path}: cannot be read as an image: not there, damaged, too large, or of another kind")
 
 
 class Hole(Model):

@@ -37,8 +37,8 @@ def files(
 def check_name(log: Path, name: str) -> None:
     """Raises LogError where a file of this name would lie outside the folder that is written to."""
     path = PurePosixPath(name)
-    if path.is_absolute() or not path.name or {"..", "\\"} & {*path.parts, *name}:
-        raise LogError(log, f"its file {name!r} would lie outside the folder")
+    if path.is_absolute() or not path.name or not name.isprintable() or {"..", "\\"} & {*path.parts, *name}:
+        raise LogError(log, f"its file {name!r} would lie outside the folder, or in no file")
 
 
 def snapshots(
@@ -68,7 +68,7 @@ def save_snapshots(log: Log, folder: Path) -> list[Path]:
         frame = frames.at(mark["camera"], mark["taken_s"]) if "taken_s" in mark else None
         if frame is None:
             continue  # the log is older, was kept without pictures, or lost them
-        label = re.sub(r"\W+", "-", mark["label"]).strip("-")
-        pictures[f"{'-'.join(filter(None, (f'{number:02d}', mark['camera'], label)))}.jpg"] = frame.jpeg
+        words = (re.sub(r"\W+", "-", mark[name]).strip("-") for name in ("camera", "label"))
+        pictures[f"{'-'.join(filter(None, (f'{number:02d}', *words)))}.jpg"] = frame.jpeg
     write_new(folder, pictures)
     return [folder / name for name in pictures]

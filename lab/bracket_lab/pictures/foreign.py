@@ -110,7 +110,8 @@ def _coco(path: Path) -> list[ForeignPicture]:
     try:
         read = _CocoFile.model_validate_json(read_text(path))
     except ValidationError as error:
-        raise InputError(*(Problem(Place(path), what) for what in mistakes(error)[:MOST_PROBLEMS])) from None
+        told = mistakes(error)[:MOST_PROBLEMS]
+        raise InputError(*(Problem(Place(path), what, f"legal: {LEGAL}") for what in told)) from None
     name_of = {category.id: category.name for category in read.categories}
     boxes: dict[int, list[ForeignBox]] = {image.id: [] for image in read.images}
     for annotation in read.annotations:
@@ -119,12 +120,12 @@ def _coco(path: Path) -> list[ForeignPicture]:
                 Problem(Place(path), f"annotation {annotation.id}: there is no image {annotation.image_id}")
             )
         left, top, width, height = annotation.bbox
-        name, at = (
-            name_of.get(annotation.category_id, f"number {annotation.category_id}"),
-            f"{path}: annotation {annotation.id}",
-        )
+        name = name_of.get(annotation.category_id, f"number {annotation.category_id}")
+        at = f"annotation {annotation.id}"
+        if len(annotation.keypoints) % 3:
+            raise InputError(Problem(Place(path), f"{at}: keypoints must be x, y, visible of each"))
         boxes[annotation.image_id].append(
-            ForeignBox(name, (left, top, left + width, top + height), at, annotation.keypoints)
+            ForeignBox(name, (left, top, left + width, top + height), f"{path}: {at}", annotation.keypoints)
         )
     return [
         ForeignPicture(
@@ -145,11 +146,12 @@ def _of_names(folder: Path) -> Iterator[Path]:
 
 
 def _yolo(folder: Path, names_file: Path) -> Iterator[ForeignPicture]:
-    text, names = read_text(names_file), dict[int, str]()
+    text, names, pose = read_text(names_file), dict[int, str](), False
     if names_file.name in CLASSES:
         names = dict(enumerate(line.strip() for line in text.splitlines() if line.strip()))
     else:
         data = read_data(names_file, text)
+        pose = isinstance(data, dict) and "kpt_shape" in data
         data = data.get("names") if isinstance(data, dict) else None
         pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
         names = {int(number): str(name) for number, name in pairs if str(number).isdecimal()}
@@ -157,13 +159,14 @@ def _yolo(folder: Path, names_file: Path) -> Iterator[ForeignPicture]:
         raise InputError(f"{names_file}: names no classes: `names` must be a list, or names by number")
     files = [file for file in sorted(folder.rglob("*.txt")) if file.name not in CLASSES]
     problems: list[Problem] = []
-    found = [_yolo_picture(file, names, problems) for file in files if not file.name.lower().startswith("readme")]
+    found = [_yolo_picture(file, names, pose, problems) for file in files if not file.name.lower().startswith("readme")]
     if problems or not found:
         raise InputError(*(problems or [Problem(Place(folder), "holds no .txt files with boxes")])[:MOST_PROBLEMS])
     yield from found
 
 
-def _yolo_picture(file: Path, names: dict[int, str], problems: list[Problem]) -> ForeignPicture:
+def _yolo_picture(file: Path, names: dict[int, str], pose: bool, problems: list[Problem]) -> ForeignPicture:
+    """Its boxes; of a pose the points that follow are passed over."""
     boxes = []
     for number, line in enumerate(read_text(file).splitlines(), 1):
         words = line.split()
@@ -179,7 +182,7 @@ def _yolo_picture(file: Path, names: dict[int, str], problems: list[Problem]) ->
         except ValueError:
             problems.append(Problem(Place(file, number), "must be: class, then middle x, middle y, width, height"))
         else:
-            boxes.append(ForeignBox(category, _from_shares(values), f"{file}:{number}"))
+            boxes.append(ForeignBox(category, _from_shares(values[: 4 if pose else None]), f"{file}:{number}"))
     return ForeignPicture(file.name, SHARES, tuple(boxes))
 
 
@@ -271,7 +274,9 @@ def _cvat(image: _Element) -> ForeignPicture:
         if element.tag not in CVAT_PASSED
         for shape in (_Element(image.file, element, image.lines),)
     ]
-    size = image.key("width"), image.key("height")
+    size = width, height = image.key("width"), image.key("height")
+    if min(size) <= 0:
+        raise InputError(Problem(image.at, f"<image> of {width:g} x {height:g}: must be 1 x 1 or more"))
     return ForeignPicture(image.root.get("name") or "", size, tuple(boxes))
 
 

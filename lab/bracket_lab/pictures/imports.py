@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from bracket_cell.learned.hands.records import HandRow
 from bracket_cell.learned.hands.regions import POINTS
-from bracket_cell.learned.records import MOST_PROBLEMS, Box, Hole, PartRow
+from bracket_cell.learned.records import MOST_PROBLEMS, Hole, PartRow
 from bracket_ground.errors import InputError, mistakes
 from bracket_ground.interfaces.product import Product
 from bracket_lab.pictures.foreign import SHARES, ForeignBox, read_foreign
@@ -31,22 +32,24 @@ def read_labels(
         renamed: names of this product by those of the file; an empty one leaves boxes out.
 
     Raises:
-        InputError: the file cannot be read, or names pictures or categories that nobody knows, or boxes lie outside.
+        InputError: the file cannot be read, names one picture twice, or what nobody knows, or boxes lie outside.
     """
     names, problems = _Names(folder.product, renamed or {}), list[str]()
     rows = {name: row for row in folder.pictures for name in (Path(row.file).name, Path(row.file).stem)}
-    given: dict[str, list[tuple[str, Box, ForeignBox]]] = {}
+    given: dict[str, list[tuple[str, ForeignBox]]] = {}
     for picture in read_foreign(path):
         called = PurePosixPath(picture.name.replace("\\", "/"))
         row = rows.get(called.name) or rows.get(called.stem)
         if row is None:
             problems.append(f"{path}: no picture {picture.name} in {folder.path}")
             continue
+        if row.file in given:
+            problems.append(f"{path}: has labels of {called.name} twice; legal: once a picture, each of another name")
         boxes, size_px = given.setdefault(row.file, []), folder.size_px(row)
         for box in picture.boxes:
             if name := names.of(box.category, box.where):
                 try:
-                    boxes.append((name, _placed(box.box, picture.size_px, row.source_px or size_px, size_px), box))
+                    boxes.append((name, _placed(box, picture.size_px, row.source_px or size_px, size_px)))
                 except ValueError as error:
                     problems.append(f"{box.where}: {error}")
     found = {}
@@ -89,8 +92,8 @@ class _Names:
         ]
 
 
-def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size_px: Size) -> Box:
-    """A box in the folder's picture.
+def _placed(box: ForeignBox, told_px: tuple[float, float] | None, source_px: Size, size_px: Size) -> ForeignBox:
+    """A box, with its keypoints, in the folder's picture.
 
     Args:
         told_px: size of the picture that the box is told in.
@@ -105,9 +108,9 @@ def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size
             f"is told in a picture of {width:g} x {height:g}, and the picture here has {source_px[0]} x {source_px[1]}:"
             " record the pictures that the labels were exported with"
         )
-    shares = np.array(box) / (width, height, width, height)
+    shares = np.array(box.box) / (width, height, width, height)
     if not (shares[2:] > shares[:2]).all() or shares.min() < -OUTSIDE or shares.max() > 1 + OUTSIDE:
-        left, top, right, bottom = box
+        left, top, right, bottom = box.box
         where = f"within {width:g} x {height:g}"
         raise ValueError(
             f"a box of {left:g}, {top:g}, {right:g}, {bottom:g} (left, top, right, bottom): must lie {where}"
@@ -115,19 +118,22 @@ def _placed(box: Box, told_px: tuple[float, float] | None, source_px: Size, size
     scale, shift = fit_of(source_px, size_px)
     placed = shares.clip(0, 1).reshape(2, 2) * np.array(source_px) * scale + shift
     left, top, right, bottom = (float(value) for value in placed.reshape(4))
-    return left, top, right, bottom
+    points = np.array(box.keypoints).reshape(-1, 3)
+    points[:, :2] = points[:, :2] / (width, height) * np.array(source_px) * scale + shift
+    return replace(box, box=(left, top, right, bottom), keypoints=tuple(points.ravel().tolist()))
 
 
-def _labels(given: Sequence[tuple[str, Box, ForeignBox]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:
+def _labels(given: Sequence[tuple[str, ForeignBox]], holes_px: Mapping[str, tuple[float, float]]) -> PictureLabels:
     holes, hands, parts = [], [], []
-    for name, box, foreign_box in given:
+    for name, placed in given:
+        box = placed.box
         if name == HAND:
-            points = np.array(foreign_box.keypoints).reshape(-1, 3)[: len(POINTS)]
+            points = np.array(placed.keypoints).reshape(-1, 3)[: len(POINTS)]
             known = {name: (x, y) for name, (x, y, shown) in zip(POINTS, points.tolist(), strict=False) if shown > 0}
             hands.append(HandRow(box_px=box, points_px=known, known=False))
         elif name.startswith(HOLE):
             middle = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
-            holes.append(_hole(name.removeprefix(HOLE), middle, holes_px, foreign_box.where))
+            holes.append(_hole(name.removeprefix(HOLE), middle, holes_px, placed.where))
         else:
             parts.append(PartRow(part=name, whole_box_px=box))
     return PictureLabels(holes=tuple(holes), hands=tuple(hands), parts=tuple(parts))

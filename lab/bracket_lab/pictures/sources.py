@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from bracket_cell.configuration import Configuration
+from bracket_cell.learned.records import read_image
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import read_log
 from bracket_cell.plugins import attribute
@@ -95,6 +96,7 @@ def open_source(
     if not path.is_file():
         raise InputError(f"{text}: there is no such file, nor a source of that name; legal: {LEGAL}")
     suffix = path.suffix.lower()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what it has to say is raised
     if suffix in PICTURES and cv2.imcount(str(path)) > 1:
         return _moving_picture(path, camera, world_from_camera)
     if suffix in PICTURES:
@@ -110,14 +112,16 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
     """What can be read; the rest is said on standard error, or, where nothing can be read, refused."""
     unread = []
     for number, file in enumerate(files):
-        image = cv2.imread(str(file))
-        if image is not None:
-            yield _frame(camera, number, 0.0, image, pose)
-            continue
-        unread.append(f"{file}: cannot be read as an image: damaged, or none of {', '.join(PICTURES)}")
-        if len(unread) == len(files):
-            raise InputError(unread[-1])
-        sys.stderr.write(f"cell: left out: {unread[-1]}\n")
+        try:
+            yield Frame(camera, number, 0.0, read_image(file), pose)
+        except InputError as error:
+            unread.append(file)
+            if len(unread) == len(files):
+                raise
+            sys.stderr.write(f"cell: left out: {error}\n")
+        else:
+            if cv2.imcount(str(file)) > 1:
+                sys.stderr.write(f"cell: {file}: moves: its first picture alone is taken; name the file for all\n")
 
 
 def _moving_picture(path: Path, camera: str, pose: Pose) -> Source:
@@ -131,7 +135,7 @@ def _moving_picture(path: Path, camera: str, pose: Pose) -> Source:
 
 def _video(source: str | int, name: str, camera: str, pose: Pose) -> Source:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what it has to say is raised
-    capture = cv2.VideoCapture(source)
+    capture = cv2.VideoCapture(source, cv2.CAP_ANY if isinstance(source, int) else cv2.CAP_FFMPEG)  # AVI's own talks
     if not capture.isOpened():
         named = f"camera:{source}" if isinstance(source, int) else source
         raise InputError(f"{named}: cannot be opened as a {'camera' if isinstance(source, int) else 'video'}")

@@ -40,7 +40,7 @@ def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert [path.name for path in tmp_path.iterdir()] == ["product.yaml"]
 
 
-@pytest.mark.parametrize("name", ["../a.yaml", "/etc/passwd", "a/../../b", "", "a\\b"])
+@pytest.mark.parametrize("name", ["../a.yaml", "/etc/passwd", "a/../../b", "", "a\\b", "a\x00b", "a\x1b[2J"])
 def test_no_file_lies_outside_the_folder(name: str) -> None:
     with pytest.raises(LogError, match="outside"):
         check_name(LOG, name)

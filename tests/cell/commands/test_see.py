@@ -1,6 +1,7 @@
 """`cell lab see`: what is found is drawn and told, and nothing that exists is lost."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from bracket_ground.interfaces.pose import Pose
 from bracket_lab.commands.see import _chosen, _of_hands
 from bracket_lab.evaluations.detections import GREY, drawn_hands
 from bracket_lab.pictures.sources import _video
+from tests.cell.log.hostile import enormous
 from tests.learned.classical.scenes import bench_canvas, draw_hand, in_hole
 from tests.learned.hands.test_tracking import BENCH, reading
 
@@ -181,6 +183,26 @@ def test_a_photograph_that_cannot_be_read_is_left_out_of_a_folder(
     assert f"left out: {folder / 'b.jpg'}: cannot be read as an image" in told.err
 
 
+def test_an_enormous_picture_and_a_pipe_are_left_out_and_of_a_moving_one_it_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(Path("photos/a.png"), np.full((360, 480, 3), 90, np.uint8))
+    Path("photos/b.png").write_bytes(enormous())
+    os.mkfifo("photos/c.png")
+    moving = cv2.Animation()
+    moving.frames, moving.durations = [np.full((360, 480, 3), level, np.uint8) for level in (0, 90)], [100, 100]
+    cv2.imwriteanimation("photos/d.webp", moving)
+    assert main(["record", "photos", "--out", "own"]) == 0
+    told = capfd.readouterr().err.splitlines()
+    assert [line.split(": ")[:3] for line in told[:2]] == [
+        ["cell", "left out", f"photos/{name}.png"] for name in ("b", "c")
+    ]
+    assert told[2] == "cell: photos/d.webp: moves: its first picture alone is taken; name the file for all"
+    assert main(["record", "photos/b.png", "--out", "other"]) == 2
+    assert "photos/b.png: cannot be read as an image" in capfd.readouterr().err
+
+
 def test_what_is_looked_at_is_never_written_over(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = picture.read_bytes()
     folder = Path("many")
@@ -301,7 +323,7 @@ def test_what_a_container_only_guesses_is_no_missing_end(
     """Many count no frames: they tell how long they last, and frames may come at a varying rate."""
 
     class Capture:
-        def __init__(self, _: object) -> None:
+        def __init__(self, *_: object) -> None:
             self.left, self.at = list(at_frames), 0
 
         def isOpened(self) -> bool:
@@ -331,7 +353,7 @@ def test_a_codec_that_is_unknown_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     """As AV1 is, in which telephones and screens are recorded today."""
 
     class Capture:
-        def __init__(self, _: object) -> None:
+        def __init__(self, *_: object) -> None:
             pass
 
         def isOpened(self) -> bool:
@@ -390,12 +412,15 @@ def test_bad_input_is_named(picture: Path, capsys: pytest.CaptureFixture[str], w
     assert set(picture.parent.iterdir()) == before
 
 
-def test_a_video_that_is_none_is_told_by_us_alone(tmp_path: Path) -> None:
-    """FFmpeg writes to standard error itself; it asks once in a process whether it may."""
-    (tmp_path / "text.mp4").write_text("no video")
-    command = [sys.executable, "-m", "bracket_cell", "record", "text.mp4", "--out", "kept"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (BAD_INPUT, "cell: text.mp4: cannot be opened as a video\n")
+@pytest.mark.parametrize(
+    ("name", "content"), [("text.mp4", b"no video"), ("cut.avi", b"RIFF\x10\0\0\0AVI LIST\xff\xfe")]
+)
+def test_a_video_that_is_none_is_told_by_us_alone(name: str, content: bytes, tmp_path: Path) -> None:
+    """FFmpeg writes to standard error itself; it asks once in a process whether it may. OpenCV's reader of AVI did."""
+    (tmp_path / name).write_bytes(content)
+    command = [sys.executable, "-m", "bracket_cell", "record", name, "--out", "kept"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert (ended.returncode, ended.stderr.decode()) == (BAD_INPUT, f"cell: {name}: cannot be opened as a video\n")
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,8 @@ def test_a_port_may_be_left_out() -> None:
     assert with_usual(["run", "--page", "--shift", "2"]) == ["run", f"--page={USUAL['--page']}", "--shift", "2"]
     assert with_usual(["run", "--page", "80", "--real-time"]) == ["run", "--page", "80", "--real-time=1"]
     assert with_usual(["run", "--page=7", "--real-time", "2.5"]) == ["run", "--page=7", "--real-time", "2.5"]
+    assert with_usual(["run", "--page", "vm:80a", "x.xml"]) == ["run", "--page", "vm:80a", "x.xml"]  # it was a tree
+    assert with_usual(["run", "--page", "a:b.xml"]) == ["run", f"--page={USUAL['--page']}", "a:b.xml"]
     assert with_usual(["show", "--running"]) == ["show", f"--running={USUAL['--running']}"]
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import signal
+import struct
 import sys
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -139,3 +141,11 @@ class Audit:
 
 def _too_long(*_: object) -> None:
     raise AssertionError(f"a log took more than {LIMIT_S:g} s")
+
+
+def enormous() -> bytes:
+    """A PNG file of a few bytes that says it has 60,000 x 60,000 pixels: OpenCV raises an error of its own."""
+    head = struct.pack(">4sIIBBBBB", b"IHDR", 60_000, 60_000, 1, 0, 0, 0, 0)
+    parts = (head, b"IDAT" + zlib.compress(bytes(99)), b"IEND")
+    chunks = (struct.pack(">I", len(part) - 4) + part + struct.pack(">I", zlib.crc32(part)) for part in parts)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

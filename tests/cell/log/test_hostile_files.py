@@ -5,17 +5,21 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+import orjson
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from mcap.records import Attachment
 
 from bracket_cell.commands.main import main
+from bracket_cell.log.read.frames import LoggedFrame
 from bracket_cell.log.replay.logged_tree import CONFIGURATION, PRODUCT
-from tests.cell.log.hostile import EDITS
+from bracket_ground.errors import LogError
+from tests.cell.log.hostile import EDITS, enormous
 from tests.cell.log.hostile_files import NAMES, Contents, beginning, lying, write
 
 CASE = Path(__file__).parents[2] / "cases" / "assembly-g0-seed5.mcap"
@@ -35,6 +39,8 @@ COMMANDS = (
     ("log", "export", LOG, "--to", "csv", "--out", "made/csv"),
     ("log", "export", LOG, "--to", "training", "--out", "made/training"),
     ("log", "export", LOG, "--to", "rosbag2", "--out", "made/bag"),
+    ("log", "export", LOG, "--to", "btlog", "--out", "made/run.btlog"),
+    ("lab", "files", LOG, "--out", "made/files"),
     ("log", "export", LOG, "--to", "recovered", "--out", "made/recovered.mcap"),
     ("log", "to-test", LOG, "-o", "made"),
     ("report", LOG, "--out", "made/report.html"),
@@ -100,6 +106,23 @@ def test_the_sound_beginning_is_taken(folder: Folder, command: tuple[str, ...]) 
     write(folder.log, folder.sound)
     expected = {("replay",): 1, ("log", "why"): 2}
     assert folder.call(command) == expected.get(command[:2], expected.get(command[:1], 0))
+
+
+@pytest.mark.parametrize("uid", [-1, 0, 9999])
+def test_a_change_of_no_node_of_the_tree_is_told(uid: int, folder: Folder, capsys: pytest.CaptureFixture[str]) -> None:
+    place = next(at for at, (_, channel, _) in enumerate(folder.sound.messages) if channel.topic == "/tick")
+    schema, channel, message = folder.sound.messages[place]
+    fields = orjson.loads(message.data)
+    fields["changes"][0]["uid"] = uid
+    folder.sound.messages[place] = schema, channel, replace(message, data=orjson.dumps(fields))
+    write(folder.log, folder.sound)
+    assert folder.call(("log", "export", LOG, "--to", "btlog", "--out", "made/run.btlog")) == 2
+    assert f"tick {fields['tick']} is of a node or a time that no run has" in capsys.readouterr().err
+
+
+def test_an_enormous_image_is_told() -> None:
+    with pytest.raises(LogError, match=r"camera overhead at 1\.000 s cannot be decoded"):
+        LoggedFrame(Path("run.mcap"), "overhead", 1.0, enormous()).image()
 
 
 @pytest.mark.parametrize("name", NAMES)

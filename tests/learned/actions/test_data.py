@@ -99,7 +99,10 @@ def test_a_key_that_is_missing_is_named_as_such(tmp_path: Path) -> None:
         ),
         (lambda lines: [lines[0], "{", *lines[2:]], "segments.jsonl:2"),
         (lambda lines: [line.replace('"part": "o', '"part": "x') for line in lines], "segments.jsonl:2: x"),
-        (lambda lines: [lines[0], *(line.replace("0000.png", "gone.png") for line in lines[1:])], "gone.png: no image"),
+        (
+            lambda lines: [lines[0], *(line.replace("0000.png", "gone.png") for line in lines[1:])],
+            "gone.png: cannot be read",
+        ),
         (lambda lines: lines[:1], "no labelled segments"),
     ],
 )

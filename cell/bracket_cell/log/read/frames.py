@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,10 +57,10 @@ class LoggedFrame:
         Raises:
             LogError: it cannot be decoded.
         """
-        image = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR) if self.jpeg else None
-        if image is None:
-            raise LogError(self.path, f"the image of camera {self.camera} at {self.time_s:.3f} s cannot be decoded")
-        return np.asarray(image, np.uint8)
+        with suppress(cv2.error):  # it is empty, or says that it is enormous
+            if (image := cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR)) is not None:
+                return np.asarray(image, np.uint8)
+        raise LogError(self.path, f"the image of camera {self.camera} at {self.time_s:.3f} s cannot be decoded")
 
     @property
     def uri(self) -> str:

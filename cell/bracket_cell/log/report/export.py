@@ -27,6 +27,7 @@ from btxml.views.groot2 import StatusBoard, tree_xml
 
 Row = dict[str, Any]
 BTLOG_MAGIC = b"BTCPP4-FileLogger2"
+BTLOG_END_S = 2.0**48 / 1e6  # times are 6 bytes of [us]
 BTLOG_HEAD = struct.Struct("<Bi")  # version, length of the XML
 STANDARD_ID = 0x7FF
 YELLOW_BGR, WHITE_BGR, BAR_BGR = (0, 220, 255), (255, 255, 255), (40, 30, 24)
@@ -178,6 +179,8 @@ def _btlog(log: Log, path: Path) -> int:
     board.record(0.0)
     records = []
     for tick in log.ticks:
+        if not (all(0 < change.uid <= len(tree.nodes) for change in tick.changes) and tick.time_s < BTLOG_END_S):
+            raise LogError(log.path, f"tick {tick.number} is of a node or a time that no run has")
         board.update(tick.changes, tick.time_s)
         records.append(board.take_transitions())
     content = b"".join(records)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bracket_cell.learned.actions.segments import CROP_PX, TIPS, UNKNOWN_HAND, Floats, Images, SegmentReader, opening_m
 from bracket_cell.learned.actions.settings import WHOLE_FRAMES, Classes
-from bracket_cell.learned.records import EXPORT, SampleRow, SegmentRow, TrueAction, read_rows
+from bracket_cell.learned.records import EXPORT, SampleRow, SegmentRow, TrueAction, read_image, read_rows
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.hand_window import FRAME_PX, last_at_hole
 from bracket_ground.interfaces.pose import Array
@@ -252,7 +252,7 @@ def _whole_frames(rows: Sequence[_Row]) -> tuple[Images, NDArray[np.int64]]:
     if any(len(row.frames) != len(rows[0].frames) for row in rows):
         raise InputError("some of the segments have whole frames and others have none: make them all with --frames")
     seen = [[index.setdefault(file, len(index)) for file in row.frames] for row in rows]
-    frames = [_image(file) for file in index]
+    frames = [read_image(file) for file in index]
     if any(frame.shape != (*FRAME_PX[::-1], 3) for frame in frames):
         raise InputError(f"whole frames of segments must have {FRAME_PX[0]} x {FRAME_PX[1]} pixels")
     return np.array(frames, np.uint8).reshape(-1, *FRAME_PX[::-1], 3), np.array(seen, np.int64)
@@ -260,7 +260,7 @@ def _whole_frames(rows: Sequence[_Row]) -> tuple[Images, NDArray[np.int64]]:
 
 def _kept(file: Path) -> Images:
     """The middle of a window, in RGB."""
-    window = _image(file)
+    window = read_image(file)
     if window.shape[0] != window.shape[1]:
         raise InputError(f"{file}: {window.shape[1]} x {window.shape[0]} pixels; a square is needed")
     side = round(CROP_PX * 1.5)
@@ -268,11 +268,3 @@ def _kept(file: Path) -> Images:
         window = np.asarray(cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
     edge = (side - KEPT_PX) // 2
     return np.asarray(window[edge : edge + KEPT_PX, edge : edge + KEPT_PX], np.uint8)
-
-
-def _image(file: Path) -> Images:
-    """A file in RGB."""
-    image = cv2.imread(str(file))
-    if image is None:
-        raise InputError(f"{file}: no image")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

@@ -44,6 +44,30 @@ def yolo(line: str = "1 0.2 0.46 0.2 0.12", names: str = "names: [o2, o1]") -> P
     return Path("y")
 
 
+def yolo_pose() -> Path:
+    """Keypoints after the box: they are no outline."""
+    return yolo("1 0.2 0.46 0.2 0.12 0.15 0.45 2 0.9 0.9 1", "names: [o2, o1]\nkpt_shape: [2, 3]")
+
+
+def coco_with(**fields: object) -> Path:
+    content = json.loads(coco().read_text())
+    content["annotations"][0] |= fields
+    Path("c.json").write_text(json.dumps(content))
+    return Path("c.json")
+
+
+def twice(made: Path) -> Path:
+    """YOLO's folders of learning and of scores, with two pictures of one name."""
+    (made / "more").mkdir()
+    (made / "more/a.txt").write_text("0 0.2 0.46 0.2 0.12\n")
+    return made
+
+
+def other_json(text: str) -> Path:
+    Path("c.json").write_text(text)
+    return Path("c.json")
+
+
 def voc(box: tuple[object, ...] = BOX) -> Path:
     Path("v").mkdir()
     sides = "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
@@ -59,6 +83,12 @@ def cvat(inside: str = "", box: tuple[object, ...] = BOX) -> Path:
     image = f'<image id="0" name="set/a.jpg" width="1000" height="500">\n{inside}</image>'
     Path("cvat.xml").write_text(f"<annotations><version>1.1</version>\n{image}</annotations>")
     return Path("cvat.xml")
+
+
+def cvat_of(width: int) -> Path:
+    made = cvat()
+    made.write_text(made.read_text().replace('width="1000"', f'width="{width}"'))
+    return made
 
 
 def cvat_polygon() -> Path:
@@ -87,7 +117,19 @@ def of_a_store() -> Path:
 
 @pytest.mark.parametrize(
     "made",
-    [coco, yolo, voc, cvat, cvat_polygon, cvat_turned, yolo_polygon, half_as_large, named_by_case, of_a_store],
+    [
+        coco,
+        yolo,
+        voc,
+        cvat,
+        cvat_polygon,
+        cvat_turned,
+        yolo_polygon,
+        yolo_pose,
+        half_as_large,
+        named_by_case,
+        of_a_store,
+    ],
     ids=lambda one: one.__name__,
 )
 def test_every_format_gives_the_same_box_in_the_picture_with_borders(folder: Path, made: Callable[[], Path]) -> None:
@@ -116,6 +158,10 @@ def test_every_format_gives_the_same_box_in_the_picture_with_borders(folder: Pat
         (lambda: cvat('<polygon label="o1" points="1,2;3"/>'), "cvat.xml:3: points of '1,2;3': must be x,y;x,y"),
         (lambda: cvat('<ellipse label="o1" cx="1"/>'), "cvat.xml:3: <ellipse>: legal are box, polygon"),
         (lambda: yolo(names="nc: 2"), "data.yaml: names no classes"),
+        (lambda: coco_with(keypoints=[1, 2, 3, 4, 5]), "c.json: annotation 7: keypoints must be x, y, visible of each"),
+        (lambda: twice(yolo()), "y: has labels of a.txt twice; legal: once a picture"),
+        (lambda: other_json('[{"data": {"image": "a.jpg"}}]'), "input should be keys with values; legal: a COCO file"),
+        (lambda: cvat_of(0), "cvat.xml:2: <image> of 0 x 500: must be 1 x 1 or more"),
         (lambda: Path("photos"), "holds no labels; legal: a COCO file"),
         (lambda: Path("own/frames.jsonl"), "is of no known format; legal: a COCO file"),
     ],
@@ -128,6 +174,16 @@ def test_what_is_wrong_is_told_with_its_place_and_nothing_is_written(
     assert main(["label", str(folder), "--import", str(path)]) == 2
     assert said in capsys.readouterr().err
     assert not (folder / "objects.jsonl").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_points_of_a_hand_lie_where_its_box_does() -> None:
+    """They stayed in the pixels of the photograph, and a network would have learned them there."""
+    assert main(["record", "photos", "--out", "bench"]) == 0
+    coco_with(keypoints=[100, 200, 2, 300, 260, 1, 0, 0, 0])
+    assert main(["label", "bench", "--import", "c.json", "--rename", "o1=hand"]) == 0
+    ((hand,),) = [labels.hands for labels in LabelFolder(Path("bench"), PRODUCT).labels.values()]
+    assert [xy for point in hand.points_px.values() for xy in point] == pytest.approx(list(hand.box_px))
 
 
 def test_names_may_be_given_by_hand_and_others_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

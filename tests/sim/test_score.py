@@ -72,3 +72,13 @@ def test_a_part_that_does_not_sit_is_wrong(world: World, raised_m: float, tilt_r
     report = Score(world, job("g0")).report()
     assert not report["correct"]
     assert report["wrong_placements"] == 1
+
+
+def test_a_part_that_the_gripper_still_lowers_is_in_no_hole(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = world.bodies[0]
+    put(world, part, "p1", raised_m=0.010)
+    assert Score(world, job("g0")).placements()["p1"].part == part.part
+    monkeypatch.setattr(world, "held", lambda: part)
+    assert Score(world, job("g0")).placements() == {}
+    put(world, part, "p1")
+    assert Score(world, job("g0")).placements()["p1"].seated

@@ -29,7 +29,7 @@ DEFAULT = "ur10"
 WORLD_FROM_BASE = np.diag([-1.0, -1.0, 1.0, 1.0])  # the base of such rows is turned by half a turn against the URDF
 SAME_RAD = 1e-9  # two angles are the same
 SPEEDS_UP_S, JERKS_S = 0.5, 0.125  # to the full speed, to the full acceleration, where no file says
-MOST_SPEED = 50.0  # in [rad/s]; a value in degrees is beyond it
+MOST_SPEED = {"rad": 50.0, "m": 10.0}  # a second; a value in degrees or millimetres is beyond it
 ASKEW = 0.1  # so far beside its nominal direction a joint's axis is that of another arm
 
 Positive = Annotated[float, Field(gt=0, le=100_000)]
@@ -273,8 +273,10 @@ def _wrong(robot: RobotModel, speeds: Sequence[float]) -> Iterator[tuple[bool, s
         yield True, "safety: momentum_kg_m_s, and the URDF has no masses to work it out by"
     if still := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if not speed > 0]:
         yield False, f"{', '.join(still)}: no speed, neither as velocity here nor as speed_rad_s in the robot's file"
-    if fast := [joint for joint, speed in zip(robot.joints, speeds, strict=False) if speed > MOST_SPEED]:
-        yield bool(robot.speed_rad_s), f"{', '.join(fast)}: faster than any arm, must be at most {MOST_SPEED:g} rad/s"
+    for unit, most in MOST_SPEED.items():
+        told = zip(robot.joints, speeds, robot.units, strict=False)
+        if fast := [joint for joint, speed, of in told if of == unit and speed > most]:
+            yield bool(robot.speed_rad_s), f"{', '.join(fast)}: faster than any arm, must be at most {most:g} {unit}/s"
 
 
 def shipped_robots() -> list[str]:

@@ -86,12 +86,13 @@ class Score:
                 self._touched[part.name] = hand
 
     def placements(self) -> dict[str, Placement]:
-        """What is in or on every hole that is not empty."""
-        found = {}
+        """What is in or on every hole that is not empty; what the gripper still brings is not there yet."""
+        found, held = {}, self._world.held()
         for position, hole in self._holes.items():
             for part in self._world.bodies:
-                if self._near(part, hole) and self._nearest(part) == position:
-                    found[position] = Placement(part.part, self._seated(part, hole), self._touched.get(part.name))
+                seated = self._seated(part, hole)
+                if self._near(part, hole) and self._nearest(part) == position and (seated or part is not held):
+                    found[position] = Placement(part.part, seated, self._touched.get(part.name))
                     break
         return found
 

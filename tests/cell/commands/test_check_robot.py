@@ -28,6 +28,7 @@ SNAKE = "".join(
     f'<child link="s{n}"/></joint>'
     for n in range(31)
 )
+RAIL = SEVEN.replace('type="revolute"', 'type="prismatic"', 1)
 MASS = '<inertial>{}</inertial></link><joint name="ax3"'
 WHOLE = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 
@@ -57,6 +58,7 @@ BROKEN = {
     "millimetres": (SEVEN.replace("0 0 0.2155", "0 0 215.5"), "a URDF is in metres"),
     "degrees": (SEVEN.replace('upper="3.05"', 'upper="175"'), "limits are in radians"),
     "degrees a second": (SEVEN.replace('velocity="2.2"', 'velocity="180"'), "at most 50 rad/s"),
+    "millimetres a second": (RAIL.replace('velocity="2.2"', 'velocity="12"', 1), "at most 10 m/s"),
     "a negative torque": (SEVEN.replace('effort="120"', 'effort="-120"'), "must be 0 or more"),
     "a shape of no kind": (solid("<geometry><cone/></geometry>"), "<collision> has <cone>, must have one of box"),
     "no shape": (solid("<geometry/>"), "<collision> has nothing, must have one of box"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 import shutil
 from pathlib import Path
 
@@ -184,7 +185,7 @@ def test_a_mended_tree_is_explained_for_one_log_and_for_many(
     told = capsys.readouterr().out
     assert "CountTicks.least: 3 -> 4" in told
     why = told[told.index("why:\n") :].splitlines()
-    assert "tick 122, 4.88 s: CountTicks: RUNNING -> SUCCESS" in why[1]
+    assert re.search(r"tick \d+, \d\.\d\d s: CountTicks: RUNNING -> SUCCESS", why[1])
     assert why[1].endswith("changed: CountTicks.least: 3 -> 4")
     assert "Sleep (mended.xml:12)" in why[2]
     assert why[2].endswith("no parameter of it was changed"), "it begins later, as CountTicks ends later"

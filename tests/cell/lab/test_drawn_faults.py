@@ -12,7 +12,7 @@ from bracket_ground.files.row_store import Row
 from bracket_lab.evaluations.drawn_faults import EACH, NONE, Drawn, coverage, drawn_rows, judged, missing
 from bracket_sim.faults.signal_faults import DETECTED, SIGNALS, SignalFault, Spread, drawn_fault
 
-TICK = 150  # the arm is under way, and will be for a while
+TICK = 140  # the arm is under way, and will be for a while
 HELD_TICK = 120  # it was told to stand, as somebody paused it
 TRIED = {
     "arm.pace:foreign:1": "dangerous detected",

@@ -123,6 +123,26 @@ def test_place_lets_go_in_the_hole(planner: MotionPlanner, product: Product, rob
     assert lowest[0] == pytest.approx(0.72, abs=1e-3)
 
 
+@pytest.mark.parametrize("opens", [0, 1, 3])
+def test_a_release_that_was_broken_off_is_gone_on_with(
+    planner: MotionPlanner, product: Product, robot: IdealRobot, opens: int
+) -> None:
+    """As a hand came between: the part between the fingers is the one that stands in the hole."""
+    holding(planner, product, robot)
+    place = Place(planner, "p4", "o2")
+    while planner.around is None or opens > 0:
+        opens -= planner.around is not None
+        command = Command()
+        place.poll(robot.observe(), command)
+        robot.act(command)
+    command = Command()
+    place.halt(command)
+    robot.act(command)
+    progress = robot.run(Place(planner, "p4", "o2"))
+    assert (progress.status, progress.reason) == (SkillStatus.SUCCESS, "o2 was let go at p4")
+    assert not robot.observe().gripper.holding
+
+
 def test_from_a_part_in_its_hole_the_fingers_go_up_before_they_go_aside(
     planner: MotionPlanner, product: Product, robot: IdealRobot
 ) -> None:

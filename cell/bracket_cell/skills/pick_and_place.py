@@ -9,6 +9,8 @@ import numpy as np
 
 from bracket_cell.skills.grasping.entry import Entry
 from bracket_cell.skills.grasping.handling import (
+    IN_HOLE,
+    LetGo,
     bracket_boxes,
     carry_over_bracket_m,
     choose_grasp,
@@ -22,7 +24,7 @@ from bracket_cell.skills.grasping.handling import (
     why_not_empty,
 )
 from bracket_cell.skills.grasping.phases import Phase, PhasedSkill
-from bracket_cell.skills.motion.collision import Box
+from bracket_cell.skills.motion.collision import Box, body_box
 from bracket_cell.skills.motion.grasp_pose import hole_pose, place_poses
 from bracket_cell.skills.motion.planner import Load, MotionPlanner
 from bracket_ground.files.words.message import Message
@@ -97,9 +99,16 @@ class Place(PhasedSkill):
     tray_parts: Sequence[PartDetection] = ()
 
     def prepare(self, observation: Observation) -> Sequence[Phase] | str:
-        """Refuse a filled hole, choose a heading of the tool."""
+        """Refuse a filled hole, choose a heading of the tool; a release that was broken off goes on."""
         planner, placed = self.planner, seen_in_holes(observation)
         planner.forget_left(joints_of(observation))
+        kind, target = planner.product.parts[self.part], hole_pose(planner.product, planner.bench, self.position)
+        hold = present_hold(planner, self.part, observation)
+        stands = body_box(f"{self.part}{IN_HOLE}", target, kind.size_m)
+        if planner.around == stands:
+            settings = planner.settings
+            wide_m = settings.gripper.opening_for(kind, hold.grip, settings.finger_clearance_m)
+            return [LetGo.of(self.part, planner, max(wide_m, observation.gripper.opening_m), stands)]
         if planner.lying is not None:
             return Message(
                 "cannot put {part} at {position}: it is held as it lay", part=self.part, position=self.position
@@ -112,9 +121,7 @@ class Place(PhasedSkill):
                 placed=placed[self.position],
             )
         obstacles = (*bracket_boxes(planner, placed), *tray_boxes(planner, self.tray_parts))
-        target = hole_pose(planner.product, planner.bench, self.position)
-        carry_m = carry_over_bracket_m(planner, planner.product.parts[self.part])
-        hold = present_hold(planner, self.part, observation)
+        carry_m = carry_over_bracket_m(planner, kind)
         near_rad = joints_of(observation)
         return put_phases(planner, self.part, hold, target, obstacles, near_rad, carry_m, into_hole=True, stays=True)
 

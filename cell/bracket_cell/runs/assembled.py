@@ -24,6 +24,7 @@ from bracket_cell.runs.heading import Counts, heading
 from bracket_cell.runs.options import Files, RunOptions
 from bracket_cell.runs.viewers import Viewers, open_viewers
 from bracket_cell.simulator import simulator
+from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.nodes.services import Services
 from bracket_cell.viewing.instruction import OperatorGuide
@@ -67,14 +68,16 @@ class RunParts:
         console: Console,
         stack: ExitStack,
     ) -> None:
-        self._files, self._motion, configuration, product = files, motion, files.configuration, files.product
+        self._files, configuration, product = files, files.configuration, files.product
         self.ticked: Tree | WatchedTree = files.tree
         self.devices = _opened(options, files, drivers, stack, lambda: self.recorder.settle())
         model = CellModel(product, configuration.bench, motion)
         self.recorder = self._recorder(options, log, model, stack)
         lateness = _lateness(files, self.devices, self._alarm)
         missing = keeper.missing(len(self.devices.finished()))
-        self.counts = Counts(RunStatistics(), lateness, Fluency(self._tool_on_bench_m), keeper, missing)
+        self.counts = Counts(
+            RunStatistics(), lateness, Fluency(partial(tool_on_bench_m, motion.kinematics)), keeper, missing
+        )
         self.moments, why_now, words = Moments(), WhyNow(self._tree), catalogue(configuration.page.language)
         self._progress = LiveProgress(
             console, 1.0 / configuration.controller.tick_hz, OperatorGuide(product, self._tree), words, why_now
@@ -147,12 +150,12 @@ class RunParts:
     def _result(self) -> Mapping[str, object]:
         return self.counts.job(self.devices)
 
-    def _tool_on_bench_m(self, seen: Observation) -> tuple[float, float]:
-        """Where the tool is above the bench, (x, y); far from everything where the arm does not tell."""
-        kinematics = self._motion.kinematics
-        joints = seen.arm.known_rad(kinematics.count)
-        x, y, _ = [math.inf] * 3 if joints is None else kinematics.position_m(np.array(joints)).tolist()
-        return x, y
+
+def tool_on_bench_m(kinematics: Kinematics, seen: Observation) -> tuple[float, float]:
+    """Where the tool is above the bench, (x, y); far from everything where the arm does not tell."""
+    joints = seen.arm.known_rad(kinematics.count)
+    x, y, _ = [math.inf] * 3 if joints is None else kinematics.position_m(np.array(joints)).tolist()
+    return x, y
 
 
 def _operator(options: RunOptions, product: Product, jobs: WorkOrders) -> OperatorChannel:

@@ -19,6 +19,7 @@ EVALUATIONS = {
         ("parts", "things:evaluate_parts", "Score a part detector on images of trays."),
         ("reaches", "reaches:evaluate", "Score what a robot spares the person."),
         ("semantic", "planners:evaluate_semantic_planner", "Score the semantic planner."),
+        ("separation", "encounters:separation", "Tell what keeping away from the person costs."),
         ("stacks", "stacks:evaluate_stacks", "Score planners of what lies on what."),
         ("system", "system:system", "Score whole assemblies by number of goals."),
     )

@@ -1,4 +1,4 @@
-"""`cell lab eval encounters`: a person who gets into the arm's way."""
+"""`cell lab eval encounters` and `separation`: a person who gets into the arm's way, and what the distance costs."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from bracket_cell.fleet.engine import mapped
 from bracket_ground.errors import InputError
 from bracket_ground.files.row_store import Row, RowStore
 from bracket_lab.commands.shared import Shared
-from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio, timed_pair
+from bracket_lab.evaluations.assembly import cost_of_separation, timed_pair
 from bracket_lab.evaluations.encounters import Tracker, encounter, passed, summary
 
-BESIDE = ("careful", "ordinary", "hasty")  # persons for whom the price of separation is measured
 GIVEN_UP = 5  # seeds without an encounter, after which no more are tried
 
 
@@ -39,14 +38,6 @@ def encounters(
             help="Put a hand in the arm's way in every phase, or let the person's habits do it.",
         ),
     ] = True,
-    throughput_seeds: Annotated[
-        int,
-        Option(
-            min=0,
-            help="Also assemble brackets at the first seeds, with and without separation, for careful and ordinary "
-            "persons and both trees.",
-        ),
-    ] = 3,
     tracker: Annotated[
         Tracker, Option(help="Spoil the hand tracker: it sees nothing, half of the hands, or 50 mm off.")
     ] = Tracker.true,
@@ -63,28 +54,38 @@ def encounters(
         raise InputError("--tracker spoils what is seen without images: leave --pixels out")
     experiment = {"person": person, "provoked": provoked, "tree": str(tree), "pixels": shared.pixels}
     experiment |= {"config": str(path), "tracker": tracker.value}
-    kept = RowStore(shared.out, ["kind", "tree", "person", "seed"], {"command": "encounters", **experiment})
+    kept = RowStore(shared.out, ["seed"], {"command": "encounters", **experiment})
     met = partial(encounter, path, tree, person, provoked=provoked, rendered=shared.pixels, tracker=tracker)
     run = partial(mapped, workers=shared.workers, address=shared.scheduler)
     if not _meet(kept, lambda seeds: run(met, seeds), encounters, shared.numbers):
         return 1
-    trees = (ALGORITHM_1, DEFAULT_TREE)
-    first = shared.numbers[:throughput_seeds]
-    pairs = [(path, tree, who, number) for number in first for tree in trees for who in BESIDE]
-    left = [pair for pair in pairs if ("throughput", pair[1].name, *pair[2:]) not in kept]
-    for row in run(timed_pair, left) if left else ():
-        kept.add(row)
     found = summary(kept.rows)
-    ratios = {
-        f"with_over_without {xml.stem} {who}": throughput_ratio(kept.rows, xml, who) for xml in trees for who in BESIDE
-    }
-    fields = {**experiment, **found, **ratios}
+    fields = {**experiment, **found}
     console().print(fields)
     if not found["encounters"]:
         console().print(f"no encounter: the arm moved near nobody in {found['sim_time_s']} s")
     if shared.as_json:
         print_json({**fields, "rows": kept.rows})
     return 0 if passed(found, tracker) else 1
+
+
+@command_from(
+    *(Shared, "person", "seeds", "out", "workers", "scheduler", "config", "as_json"),
+    person="careful",
+    seeds="0:20",
+)
+def separation(shared: Shared, tree: Annotated[Path, Option(help="Tree file to run.")] = DEFAULT_TREE) -> None:
+    """Assemble the same brackets with and without separation, without images: time, least distance, holds."""
+    experiment = {"person": shared.person, "tree": str(tree), "config": str(shared.config)}
+    kept = RowStore(shared.out, ["seed"], {"command": "separation", **experiment})
+    left = [(shared.config, tree, shared.person, seed) for seed in shared.numbers if seed not in kept]
+    for row in mapped(timed_pair, left, workers=shared.workers, address=shared.scheduler) if left else ():
+        kept.add(row)
+    rows = list(kept.rows_of(shared.numbers))
+    fields = {**experiment, **cost_of_separation(rows)}
+    console().print(fields)
+    if shared.as_json:
+        print_json({**fields, "rows": rows})
 
 
 def _meet(
@@ -98,7 +99,7 @@ def _meet(
     """
     if _enough(kept.rows, encounters, seeds.start):
         return True
-    left = ((seed,) for seed in seeds if ("assembly", None, None, seed) not in kept)
+    left = ((seed,) for seed in seeds if seed not in kept)
     for row in rows_of(left):
         if row["end"] == "interrupted":  # the seed is run again another time
             return False
@@ -111,12 +112,12 @@ def _meet(
 
 def _enough(rows: Sequence[Row], encounters: int, first_seed: int) -> bool:
     """Whether this many were met; a person who never gets in the way is given up after a few seeds."""
-    met, last = _met(rows), max((int(str(row["seed"])) for row in rows if row["kind"] == "assembly"), default=-1)
+    met, last = _met(rows), max((int(str(row["seed"])) for row in rows), default=-1)
     return met >= encounters or (not met and last >= first_seed + GIVEN_UP - 1)
 
 
 def _met(rows: Sequence[Row]) -> int:
-    return sum(int(str(row["encounters"])) for row in rows if row["kind"] == "assembly")
+    return sum(int(str(row["encounters"])) for row in rows)
 
 
 def _tell_assembly(screen: Console, row: Row) -> None:

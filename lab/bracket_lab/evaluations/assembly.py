@@ -6,19 +6,23 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bracket_cell.configuration import Configuration, load_configuration, load_faults, load_product, simulated
 from bracket_cell.running.operator import OperatorChannel
 from bracket_cell.running.supervisor import Supervisor, make_supervisor
+from bracket_cell.runs.assembled import tool_on_bench_m
 from bracket_cell.runs.options import Files
 from bracket_cell.runs.run import run_controller
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.trees.loading import load_tree
 from bracket_cell.trees.node_library import node_registry
 from bracket_cell.watching.observer import Observer, Outcome
+from bracket_cell.watching.statistics import Fluency
 from bracket_cell.wiring.detectors import with_detectors_for
 from bracket_cell.wiring.devices import attached
 from bracket_cell.wiring.services import load_planners
@@ -32,51 +36,56 @@ from bracket_sim.process.no_render_host import without_pixels
 from bracket_sim.process.opening import open_simulation
 from bracket_sim.scene.settings import settings_of
 
+DRAWS = 10_000  # of pairs, for an interval
 OF_PERSON = ("hand_near", "hand_too_near", "blind_area")
 
 
 def timed_pair(path: Path, tree: Path, person: str, seed: int) -> Row:
-    """Two brackets with the same seed; a time is None where the bracket was not finished."""
+    """Two brackets with the same seed; a time is None where the bracket was not finished.
+
+    Returns:
+        `with_s` and `without_s`; of the one with separation `held_s`, `interventions` and `least_distance_m` as
+        `Fluency` has them.
+    """
     table = load_faults(load_configuration(path))
     rows = [row.model_copy(update={"action": "run"}) if row.signal in OF_PERSON else row for row in table.faults]
     without = table.model_copy(update={"faults": tuple(rows)})
-    names = {"with_s": table, "without_s": without}
-    times = {name: _time_s(path, tree, person, seed, judged) for name, judged in names.items()}
-    return {"kind": "throughput", "tree": tree.name, "person": person, "seed": seed, **times}
+    with_s, fluency = _timed(path, tree, person, seed, table)
+    found = {name: fluency[name] for name in ("held_s", "interventions", "least_distance_m")}
+    without_s, _ = _timed(path, tree, person, seed, without)
+    return {"seed": seed, "with_s": with_s, "without_s": without_s, **found}
 
 
-def throughput_ratio(rows: Sequence[Row], tree: Path, person: str) -> Row | None:
-    """The sum of times with separation over the sum without, of pairs that were finished both; None without any.
+def cost_of_separation(rows: Sequence[Row]) -> Row:
+    """The sum of times with separation over the sum without, of pairs that were finished both.
 
     Returns:
-        `ratio` with its 95 % interval from drawing pairs again, `low` to `high`, the mean times of both, `n` pairs, and
-        how many more were `unfinished`.
+        `ratio` with its 95 % interval from drawing pairs again, `low` to `high`; the mean time `with_s` with its own,
+        and `without_s`; `n` pairs, and how many more were `unfinished`; of all with separation the mean `held_s` and
+        `interventions`, and `least_distance_m`, the median over brackets.
     """
-    own = [
-        row for row in rows if (row["kind"], row.get("tree"), row.get("person")) == ("throughput", tree.name, person)
-    ]
-    times = np.array([(row["with_s"], row["without_s"]) for row in own if _finished(row)], dtype=float)
-    if not len(times):
-        return None
-    drawn = np.random.default_rng(0).choice(times, (DRAWS, len(times)))
-    sums, (with_s, without_s) = drawn.sum(axis=1), times.mean(axis=0)
+    finished = [(row["with_s"], row["without_s"]) for row in rows if None not in (row["with_s"], row["without_s"])]
+    counts = {"n": len(finished), "unfinished": len(rows) - len(finished)}
+    if not finished:
+        return {"ratio": None, **counts}
+    times = np.array(finished, dtype=float)
+    sums, (with_s, without_s) = np.random.default_rng(0).choice(times, (DRAWS, len(times))).sum(axis=1), times.mean(0)
     low, high = np.percentile(sums[:, 0] / sums[:, 1], (2.5, 97.5))
-    found = {"ratio": with_s / without_s, "low": low, "high": high, "with_s": with_s, "without_s": without_s}
-    rounded = {name: round(float(value), 3) for name, value in found.items()}
-    return {**rounded, "n": len(times), "unfinished": len(own) - len(times)}
+    low_s, high_s = np.percentile(sums[:, 0] / len(times), (2.5, 97.5))
+    least_m = [row["least_distance_m"] for row in rows if row["least_distance_m"] is not None]
+    found = {"ratio": with_s / without_s, "low": low, "high": high, "with_s": with_s, "with_low_s": low_s}
+    found |= {"with_high_s": high_s, "without_s": without_s, "least_distance_m": np.median(least_m or [np.nan])}
+    found |= {name: np.mean([row[name] for row in rows]) for name in ("held_s", "interventions")}
+    return {**{name: round(float(value), 3) for name, value in found.items()}, **counts}
 
 
-def _finished(row: Row) -> bool:
-    return None not in (row["with_s"], row["without_s"])
-
-
-def _time_s(path: Path, tree: Path, person: str, seed: int, table: FaultTable) -> float | None:
+def _timed(path: Path, tree: Path, person: str, seed: int, table: FaultTable) -> tuple[float | None, dict[str, Any]]:
     with assembly(path, person, seed, table, tree=tree) as opened:
-        outcome = opened.run([], None)
-    return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None
+        fluency = Fluency(partial(tool_on_bench_m, opened.motion.kinematics))
+        outcome = opened.run([fluency], None)
+    return round(outcome.sim_time_s, 2) if outcome.end == "finished" else None, fluency.report()
 
 
-DRAWS = 10_000  # of pairs, for an interval
 ALGORITHM_1 = shipped("bracket_cell.trees", "assemble.xml")
 Injected = Injection | Injections | None
 

@@ -202,7 +202,6 @@ def encounter(
     assert cell.contacts is not None
     met = [act for act in cell.worker.acts if act.fields.get("act") == "intrude"]
     return {
-        "kind": "assembly",
         "seed": seed,
         "end": "stood" if watch.stood else outcome.end,
         "reason": f"the arm stood for {STOOD_S:g} s" if watch.stood else outcome.reason,
@@ -219,7 +218,6 @@ def encounter(
 
 def summary(rows: Sequence[Row]) -> Row:
     """Counts of all assemblies."""
-    rows = [row for row in rows if row["kind"] == "assembly"]
     contacts: list[Row] = [contact for row in rows for contact in row["contacts"]]
     moving = [contact for contact in contacts if contact["moving"]]
     phases = [str(phase) for row in rows for phase in row["phases"]]

@@ -17,7 +17,7 @@ from bracket_ground.files.row_store import Row
 from bracket_ground.interfaces.operator import OperatorOrder
 from bracket_ground.interfaces.perception import HandSample
 from bracket_lab.commands.encounters import _tell_assembly
-from bracket_lab.evaluations.assembly import ALGORITHM_1, throughput_ratio
+from bracket_lab.evaluations.assembly import ALGORITHM_1, cost_of_separation
 from bracket_lab.evaluations.danger import TrueDistance, protective_m
 from bracket_lab.evaluations.encounters import Encounters, Tracker, encounter, passed, summary
 from bracket_lab.evaluations.random_faults import counted, troubled_assembly
@@ -27,7 +27,6 @@ from tests.integration.cell_rig import BENCH, with_person
 
 TABLE_M = np.array([(x, y, z) for x in (0.0, 1.4) for y in (-0.7, 0.7) for z in (-0.5, 0.0)])
 ASSEMBLY: Row = {
-    "kind": "assembly",
     "end": "finished",
     "sim_time_s": 1.0,
     "phases": [],
@@ -163,20 +162,21 @@ def test_an_assembly_that_did_not_finish_is_told_with_its_reason(capsys: pytest.
     assert "seed 7: fault after 3.0 s (the arm stopped), 1 encounters" in capsys.readouterr().out
 
 
-def test_the_ratio_takes_only_pairs_that_were_finished_both_and_only_of_its_tree() -> None:
-    pairs = [("assemble.xml", 0, 60.0, 50.0), ("assemble.xml", 1, None, 50.0), ("ahead.xml", 0, 99.0, 33.0)]
-    rows: list[Row] = [
-        {"kind": "throughput", "tree": tree, "person": "careful", "seed": seed, "with_s": one, "without_s": other}
-        for tree, seed, one, other in pairs
-    ]
-    found = throughput_ratio([*rows, {"kind": "assembly"}], ALGORITHM_1, "careful")
-    assert found is not None
-    assert found["ratio"] == 1.2
-    assert (found["low"], found["high"], found["n"], found["unfinished"]) == (1.2, 1.2, 1, 1)
-    more = throughput_ratio([*rows, {**rows[0], "with_s": 90.0}], ALGORITHM_1, "careful")
-    assert more is not None
-    assert (more["low"], more["ratio"], more["high"], more["with_s"]) == (1.2, 1.5, 1.8, 75.0)
-    assert throughput_ratio(rows, ALGORITHM_1, "ordinary") is None
+def test_the_cost_of_separation_takes_only_pairs_that_were_finished_both() -> None:
+    told = {"held_s": 1.0, "interventions": 2, "least_distance_m": 0.3}
+    pairs = [(60.0, 50.0, 0.3), (None, 50.0, 0.2), (70.0, None, None)]
+    rows: list[Row] = [{**told, "with_s": one, "without_s": two, "least_distance_m": m} for one, two, m in pairs]
+    found = cost_of_separation(rows)
+    assert {name: found[name] for name in ("ratio", "low", "high", "n", "unfinished")} == {
+        **dict.fromkeys(("ratio", "low", "high"), 1.2),
+        "n": 1,
+        "unfinished": 2,
+    }
+    assert (found["held_s"], found["interventions"], found["least_distance_m"]) == (1.0, 2.0, 0.25)
+    more = cost_of_separation([*rows, {**rows[0], "with_s": 90.0}])
+    assert (more["low"], more["ratio"], more["high"]) == (1.2, 1.5, 1.8)
+    assert (more["with_low_s"], more["with_s"], more["with_high_s"]) == (60.0, 75.0, 90.0)
+    assert cost_of_separation(rows[1:]) == {"ratio": None, "n": 0, "unfinished": 2}
 
 
 def test_the_table_of_troubled_assemblies_tells_right_from_stopped_and_from_wrong() -> None:

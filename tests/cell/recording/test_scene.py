@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.recording.recorder import Heading, McapRecorder
 from bracket_cell.recording.scene import CellModel
-from bracket_cell.runs.assembled import RunParts
+from bracket_cell.runs.assembled import tool_on_bench_m
 from bracket_cell.settings import LogSettings
 from bracket_cell.skills.motion.planner import MotionPlanner
 from bracket_cell.watching.observer import SentCommand, TickRecord
@@ -156,7 +155,7 @@ def test_what_the_arm_tells_is_written_as_it_is(tmp_path: Path, cell: CellModel,
 
 
 def test_the_tool_of_an_arm_that_does_not_tell_is_near_nothing(cell: CellModel) -> None:
-    told: Any = SimpleNamespace(_motion=cell.motion)
-    assert max(RunParts._tool_on_bench_m(told, seen(0))) < 2
+    kinematics = cell.motion.kinematics
+    assert max(tool_on_bench_m(kinematics, seen(0))) < 2
     few = replace(seen(1), arm=ArmState(0.04, JOINTS_RAD[:-1], (0.0,) * 6, False))
-    assert RunParts._tool_on_bench_m(told, few) == (math.inf, math.inf)
+    assert tool_on_bench_m(kinematics, few) == (math.inf, math.inf)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import os
+import re
+import threading
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -23,6 +26,12 @@ if TYPE_CHECKING:
 
 CARD_KEY, DIGEST_KEY = "cell.model_card", "cell.sha256"
 KEPT = 12  # files that stay open: more than a run needs
+MOST_BYTES = 2**31  # of a file: protobuf reads no more
+SIDE_PX = (32, 4096)  # of an image that a foreign file takes
+SILENT = 4  # of ONNX Runtime: it writes nothing to the terminal; its errors are told by ours
+BESIDE_KEY = "session.model_external_initializers_file_folder_path"  # where a file may read others: nowhere
+CODES = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ")
+PATIENCE_S = 20.0  # with a foreign file: a loop in it may have no end
 LOAD_ERRORS = (
     ort_errors.Fail,
     ort_errors.InvalidArgument,
@@ -194,7 +203,7 @@ class OnnxModel:
         try:
             values = self._session.run(self.outputs, dict(inputs))
         except (ValueError, *LOAD_ERRORS) as error:
-            raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
+            raise ModelError(f"{self.path}: {_said(error)}") from error
         for name, value in zip(self.outputs, values, strict=True):
             if not np.isfinite(value).all():
                 raise ModelError(f"{self.path}: output {name!r} is not finite")
@@ -221,9 +230,14 @@ class ForeignModel:
             ModelError: it is missing, damaged, or takes no single image of 32-bit numbers.
         """
         session = _opened(path).session
-        inputs = session.get_inputs()
-        if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].type != "tensor(float)":
-            raise ModelError(f"{path}: must take one image (1, 3, height, width) of 32-bit numbers")
+        taken = [(each.type, each.shape) for each in session.get_inputs()]
+        least, most = SIDE_PX
+        if len(taken) != 1 or taken[0][0] != "tensor(float)" or not _is_image(taken[0][1]):
+            told = ", ".join(f"{kind} {shape}" for kind, shape in taken) or "nothing"
+            legal = f"one image (1, 3, height, width) of 32-bit numbers, each side {least} to {most}"
+            raise ModelError(f"{path}: takes {told}, but must take {legal}")
+        if not (given := [each.type for each in session.get_outputs()]) or not all(map(_is_numbers, given)):
+            raise ModelError(f"{path}: gives {', '.join(given) or 'nothing'}, but must give numbers")
         return ForeignModel(path, session)
 
     def input_px(self, usual: int) -> tuple[int, int]:
@@ -237,10 +251,18 @@ class ForeignModel:
         Raises:
             ModelError: no answer follows from this image, or it is not finite.
         """
+        options = onnxruntime.RunOptions()
+        options.log_severity_level = SILENT
+        late = threading.Timer(PATIENCE_S, setattr, (options, "terminate", True))
+        late.start()
         try:
-            answers = self._session.run(self._outputs, {self._input.name: image})
+            answers = self._session.run(self._outputs, {self._input.name: image}, options)
         except (ValueError, *LOAD_ERRORS) as error:
-            raise ModelError(f"{self.path}: {str(error).splitlines()[0]}") from error
+            what = f"does not answer for {PATIENCE_S:g} s" if options.terminate else _said(error)
+            raise ModelError(f"{self.path}: {what}") from error
+        finally:
+            late.cancel()
+            late.join()
         found = {name: np.asarray(answer, np.float32) for name, answer in zip(self._outputs, answers, strict=True)}
         if wrong := [name for name, values in found.items() if not np.isfinite(values).all()]:
             raise ModelError(f"{self.path}: output {wrong[0]!r} is not finite")
@@ -271,11 +293,14 @@ class _Opened(NamedTuple):
 def _opened(path: Path) -> _Opened:
     """The file's network; opened once, as checks before a run, the run and its log all ask for it."""
     try:
-        return _opened_once(regular(path).read_bytes())
+        return _opened_once(regular(path, MOST_BYTES).read_bytes())
     except OSError as error:
         raise ModelError(f"{path}: cannot read the weights: {error.strerror}") from error
     except LOAD_ERRORS as error:
-        raise ModelError(f"{path}: not an ONNX file, or damaged: {str(error).splitlines()[0]}") from error
+        if "External data" in str(error):
+            whole = "write all into one: onnx.save(onnx.load(FILE), WHOLE_FILE)"
+            raise ModelError(f"{path}: has its numbers in another file, which is not read; {whole}") from error
+        raise ModelError(f"{path}: not an ONNX file, or damaged: {_said(error)}") from error
 
 
 @lru_cache(KEPT)
@@ -283,9 +308,25 @@ def _opened_once(content: bytes) -> _Opened:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
-    options.log_severity_level = 3
+    options.log_severity_level = SILENT
+    options.add_session_config_entry(BESIDE_KEY, os.devnull)
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     return _Opened(session, digest_of(content), sealed(without_digest(content)) == content)
+
+
+def _said(error: Exception) -> str:
+    """Of an error of ONNX Runtime, without its codes."""
+    return CODES.sub("", str(error).splitlines()[0])
+
+
+def _is_image(shape: Sequence[int | str | None]) -> bool:
+    """Whether one image in colours fits; a side may be left open."""
+    legal = zip(shape, ((1, 1), (3, 3), SIDE_PX, SIDE_PX), strict=False)
+    return len(shape) == 4 and all(not isinstance(side, int) or low <= side <= high for side, (low, high) in legal)
+
+
+def _is_numbers(kind: str) -> bool:
+    return kind.startswith("tensor(") and kind != "tensor(string)"
 
 
 def _card(path: Path, metadata: Mapping[str, str]) -> ModelCard:

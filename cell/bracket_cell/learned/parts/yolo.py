@@ -26,6 +26,7 @@ from bracket_ground.interfaces.product import PartType, Product
 
 USUAL_PX = 640  # side of the input where the file leaves it open
 LEAST_SCORE, APART, MOST = 0.25, 0.5, 60  # YOLO's usual score; intersection over union of two kept boxes; their number
+MOST_SCORE, FARTHEST = 1.05, 10.0  # of a sure box: what rounding makes of a probability; sides of the picture
 GREY = 114  # around a picture of another shape, as YOLO has it
 MOST_OF_ITS_OWN = 1000  # boxes of a file with its own suppression; one without it has thousands
 MOST_SHARE = 1.5  # of a box told as shares of the picture: it may reach over an edge
@@ -55,6 +56,7 @@ class YoloPartDetector(PosedPartDetector):
         if all(kind == len(by_name) for kind in self._kinds):
             has, wants = ", ".join(names), ", ".join(product.parts)
             raise ModelError(f"{boxes.path}: knows {has}, and none of this product's parts: {wants}")
+        self._peaks(np.full((*INPUT_PX[::-1], 3), GREY, np.uint8))  # what it cannot read is said before a run
 
     @staticmethod
     def load(bench: Bench, product: Product, weights: Path) -> YoloPartDetector:
@@ -98,8 +100,8 @@ def names_of(boxes: ForeignModel, usual: tuple[str, ...]) -> tuple[str, ...]:
         names = ast.literal_eval(text)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         names = None
-    if isinstance(names, Mapping) and all(isinstance(number, int) for number in names):
-        names = [names.get(number, "") for number in range(max(names, default=-1) + 1)]
+    if isinstance(names, Mapping) and set(names) == set(range(len(names))):
+        names = [names[number] for number in range(len(names))]
     if not isinstance(names, list | tuple) or not names:
         raise ModelError(f"{boxes.path}: its `names` are no list of classes: {text[:80]}")
     return tuple(str(name) for name in names)
@@ -120,21 +122,38 @@ def letterboxed(image: NDArray[np.uint8], size_px: tuple[int, int]) -> tuple[Row
 def read_boxes(
     answers: Mapping[str, Rows], classes: int, size_px: tuple[int, int], path: Path
 ) -> tuple[Rows, Rows, NDArray[np.int64]]:
-    """Boxes (n, 4) left, top, right, bottom in pixels of the input, scores (n,) and classes (n,).
+    """Boxes (n, 4) left, top, right, bottom in pixels of the input, scores (n,) and classes (n,), each sure enough.
 
     Raises:
-        ModelError: the outputs have none of the known shapes.
+        ModelError: the outputs have none of the known shapes, or are none of boxes.
     """
+    boxes, scores, numbers = _rows(answers, classes, size_px, path)
+    if np.abs(scores).max(initial=0.0) > MOST_SCORE:
+        what = "export it with its last step (sigmoid)"
+        raise ModelError(f"{path}: tells scores up to {np.abs(scores).max():.3g}; legal are 0 to 1: {what}")
+    sure = scores > LEAST_SCORE
+    boxes, scores, numbers = boxes[sure], scores[sure].clip(0, 1), numbers[sure]
+    if wrong := [number for number in numbers.tolist() if number not in range(classes)]:
+        raise ModelError(f"{path}: tells a class {wrong[0]:g}, but has {classes} names; legal are 0 to {classes - 1}")
+    turned, far = (boxes[:, :2] > boxes[:, 2:]).any(axis=1), (np.abs(boxes) > FARTHEST * max(size_px)).any(axis=1)
+    if len(odd := boxes[turned | far]):
+        told = ", ".join(f"{side:.3g}" for side in odd[0].tolist())
+        raise ModelError(f"{path}: tells a box ({told}); legal are left, top, right, bottom in pixels of its picture")
+    return boxes, scores, numbers.astype(np.int64)
+
+
+def _rows(answers: Mapping[str, Rows], classes: int, size_px: tuple[int, int], path: Path) -> tuple[Rows, Rows, Rows]:
+    """The same as they are told."""
     answer = next(iter(answers.values()))
     if {"logits", "pred_boxes"} <= set(answers):
         boxes, odds = answers["pred_boxes"], answers["logits"].clip(-50, 50)
-        fits = boxes.shape == (1, odds.shape[1], 4) and odds.shape[2] == classes
+        fits = odds.ndim == 3 and boxes.shape == (1, odds.shape[1], 4) and odds.shape[2] == classes
         answer = np.concatenate([boxes, 1 / (1 + np.exp(-odds))], axis=2) if fits else odds
     rows = answer[0] if answer.ndim == 3 and len(answer) == 1 else np.empty((0, 0), np.float32)
     if rows.shape[1] == 4 + classes and rows[:, :4].max(initial=0.0) <= MOST_SHARE:
         rows = np.hstack([rows[:, :4] * np.tile(np.array(size_px, np.float32), 2), rows[:, 4:]])
     elif rows.shape[1] == 6 and len(rows) <= MOST_OF_ITS_OWN:
-        return rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64).clip(0, classes - 1)
+        return rows[:, :4], rows[:, 4], rows[:, 5]
     if rows.shape[0] == 4 + classes:
         rows = rows.T
     if rows.shape[1] == 4 + classes:
@@ -145,12 +164,13 @@ def read_boxes(
         legal = f"(1, {4 + classes}, n), (1, n, {5 + classes}) or (1, n, 6)"
         raise ModelError(f"{path}: its output has the shape {answer.shape}; of {classes} classes legal are {legal}")
     half = rows[:, 2:4] / 2
-    return np.hstack([rows[:, :2] - half, rows[:, :2] + half]), shares.max(axis=1), shares.argmax(axis=1)
+    corners = np.hstack([rows[:, :2] - half, rows[:, :2] + half])
+    return corners, shares.max(axis=1), shares.argmax(axis=1).astype(np.float32)
 
 
 def _surest(boxes: Rows, scores: Rows, classes: NDArray[np.int64]) -> list[int]:
-    """Rows of boxes that are sure enough, of which none of a class overlaps a surer one."""
-    likely = np.flatnonzero(scores > LEAST_SCORE)
+    """Rows of the surest boxes, of which none of a class overlaps a surer one."""
+    likely = np.argsort(-scores, kind="stable")[:MOST_OF_ITS_OWN]
     spots = np.hstack([boxes[likely, :2], boxes[likely, 2:] - boxes[likely, :2]])
     kept = cv2.dnn.NMSBoxesBatched(spots.tolist(), scores[likely].tolist(), classes[likely].tolist(), 0.0, APART)
     order = sorted(np.array(kept, int).reshape(-1).tolist(), key=lambda row: -float(scores[likely[row]]))

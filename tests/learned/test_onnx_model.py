@@ -10,6 +10,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from bracket_cell.kinds import WEIGHTS
+from bracket_cell.learned.inference import onnx_model
 from bracket_cell.learned.inference.onnx_model import ModelCard, OnnxModel, save_onnx, seal, sealed, without_digest
 from bracket_ground.errors import ModelError
 
@@ -73,6 +74,27 @@ def test_inputs_that_do_not_fit(saved: Path) -> None:
     for inputs in ({"z": np.ones(1, np.float32)}, {"x": np.ones((1, 2), np.float32)}, {"x": np.ones(1)}):
         with pytest.raises(ModelError, match=r"root\.onnx"):
             model.run(inputs)
+
+
+def test_an_output_that_is_not_there_is_named(saved: Path) -> None:
+    answers = OnnxModel.load(saved, "test.root").run({"x": np.ones(1, np.float32)})
+    with pytest.raises(ModelError, match=r"root\.onnx: has no output 'heat', but y; take a copy"):
+        answers["heat"]
+
+
+def test_weights_that_never_answer_are_not_waited_for(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a log that is replayed: no signal ends such a call, Ctrl-C neither."""
+    monkeypatch.setattr(onnx_model, "PATIENCE_S", 0.2)
+    same = [helper.make_node("Identity", [name], [f"{name}_on"]) for name in ("go", "x")]
+    turn = helper.make_tensor_value_info("turn", TensorProto.INT64, [])
+    go, go_on = (helper.make_tensor_value_info(name, TensorProto.BOOL, []) for name in ("go", "go_on"))
+    x, x_on = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n"]) for name in ("x", "x_on"))
+    body = helper.make_graph(same, "body", [turn, go, x], [go_on, x_on])
+    endless = square_root()
+    endless.graph.node[0].CopyFrom(helper.make_node("Loop", ["", "", "x"], ["y"], body=body))
+    save_onnx(endless, saved, CARD)
+    with pytest.raises(ModelError, match=r"root\.onnx: does not answer for 0\.2 s"):
+        OnnxModel.load(saved, "test.root").run({"x": np.ones(1, np.float32)})
 
 
 @pytest.mark.parametrize(

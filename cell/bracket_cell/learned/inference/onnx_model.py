@@ -31,7 +31,7 @@ SIDE_PX = (32, 4096)  # of an image that a foreign file takes
 SILENT = 4  # of ONNX Runtime: it writes nothing to the terminal; its errors are told by ours
 BESIDE_KEY = "session.model_external_initializers_file_folder_path"  # where a file may read others: nowhere
 CODES = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ")
-PATIENCE_S = 20.0  # with a foreign file: a loop in it may have no end
+PATIENCE_S = 20.0  # with a network: a loop in a stranger's may have no end
 LOAD_ERRORS = (
     ort_errors.Fail,
     ort_errors.InvalidArgument,
@@ -200,14 +200,7 @@ class OnnxModel:
         Raises:
             ModelError: the inputs do not fit the network, or an output is not finite.
         """
-        try:
-            values = self._session.run(self.outputs, dict(inputs))
-        except (ValueError, *LOAD_ERRORS) as error:
-            raise ModelError(f"{self.path}: {_said(error)}") from error
-        for name, value in zip(self.outputs, values, strict=True):
-            if not np.isfinite(value).all():
-                raise ModelError(f"{self.path}: output {name!r} is not finite")
-        return dict(zip(self.outputs, values, strict=True))
+        return _Answers(self.path, self._session, self.outputs, inputs)
 
 
 class ForeignModel:
@@ -251,22 +244,37 @@ class ForeignModel:
         Raises:
             ModelError: no answer follows from this image, or it is not finite.
         """
-        options = onnxruntime.RunOptions()
+        answers = _Answers(self.path, self._session, self._outputs, {self._input.name: image})
+        return {name: np.asarray(values, np.float32) for name, values in answers.items()}
+
+
+class _Answers(dict[str, NDArray[Any]]):
+    """Outputs of a network by name; one that it has not is a ModelError, too.
+
+    Raises:
+        ModelError: no answer follows from these inputs, or not in time, or it is not finite.
+    """
+
+    def __init__(
+        self, path: Path, session: onnxruntime.InferenceSession, outputs: Sequence[str], inputs: Inputs
+    ) -> None:
+        self._path, options = path, onnxruntime.RunOptions()
         options.log_severity_level = SILENT
         late = threading.Timer(PATIENCE_S, setattr, (options, "terminate", True))
         late.start()
         try:
-            answers = self._session.run(self._outputs, {self._input.name: image}, options)
+            super().__init__(zip(outputs, session.run(outputs, dict(inputs), options), strict=True))
         except (ValueError, *LOAD_ERRORS) as error:
             what = f"does not answer for {PATIENCE_S:g} s" if options.terminate else _said(error)
-            raise ModelError(f"{self.path}: {what}") from error
+            raise ModelError(f"{path}: {what}") from error
         finally:
             late.cancel()
             late.join()
-        found = {name: np.asarray(answer, np.float32) for name, answer in zip(self._outputs, answers, strict=True)}
-        if wrong := [name for name, values in found.items() if not np.isfinite(values).all()]:
-            raise ModelError(f"{self.path}: output {wrong[0]!r} is not finite")
-        return found
+        if wrong := [name for name, values in self.items() if not np.isfinite(values).all()]:
+            raise ModelError(f"{path}: output {wrong[0]!r} is not finite")
+
+    def __missing__(self, name: str) -> NDArray[Any]:
+        raise ModelError(f"{self._path}: has no output {name!r}, but {', '.join(self)}; take a copy, or train it again")
 
 
 class _Opened(NamedTuple):

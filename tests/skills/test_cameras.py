@@ -145,6 +145,13 @@ def test_a_pipe_is_no_film(tmp_path: Path) -> None:
     assert told.remedy.endswith("is no file"), "a film has no cable"
 
 
+def test_a_list_of_other_films_is_no_film(tmp_path: Path) -> None:
+    """FFmpeg would play what it names, whatever its own name is."""
+    (path := tmp_path / "list.mp4").write_text(f"ffconcat version 1.0\nfile {film(tmp_path).name}\n")
+    with pytest.raises(DeviceFault, match=r"list\.mp4 is a list of other files, not a film"):
+        FileCamera(FileSettings(path=path), WallClock(), small_bench(), "overhead")
+
+
 def test_frames_that_waited_in_a_buffer_are_not_taken_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     waits = [False] * 5 + [True] + [False] * 3
     given: list[int] = []

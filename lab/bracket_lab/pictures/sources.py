@@ -17,8 +17,9 @@ from bracket_cell.learned.records import read_image
 from bracket_cell.log.read.frames import Frames
 from bracket_cell.log.read.reader import read_log
 from bracket_cell.plugins import attribute
+from bracket_cell.skills.drivers.cameras import is_list
 from bracket_cell.skills.motion.kinematics import Kinematics
-from bracket_ground.errors import InputError, LogError
+from bracket_ground.errors import InputError, LogError, words_of
 from bracket_ground.interfaces.bench import Bench
 from bracket_ground.interfaces.frame import Frame
 from bracket_ground.interfaces.pose import Pose
@@ -102,10 +103,19 @@ def open_source(
     if suffix in PICTURES:
         return Source(path.stem, True, False, 2.0, _pictures([path], camera, world_from_camera))
     if suffix in VIDEOS:
+        if _is_list(path):
+            raise InputError(f"{path}: is a list of other files, which are not opened; legal: {LEGAL}")
         return _video(str(path), path.stem, camera, world_from_camera)
     if suffix == ".mcap":
         return _log(path, camera, world_from_camera)
     raise InputError(f"{path}: is of no known kind; legal: {LEGAL}; endings: {', '.join(PICTURES + VIDEOS)}")
+
+
+def _is_list(path: Path) -> bool:
+    try:
+        return is_list(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {words_of(error)}") from None
 
 
 def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:

@@ -370,6 +370,13 @@ def test_a_codec_that_is_unknown_is_named(monkeypatch: pytest.MonkeyPatch) -> No
         list(_video("a.mp4", "a", "overhead", Pose((0.0, 0.0, 1.0))).frames)
 
 
+def test_a_list_of_other_films_is_refused(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("clip.mp4").write_text(f"ffconcat version 1.0\nfile {picture.name}\n")
+    assert main(["lab", "see", "clip.mp4", "--perception", "classical"]) == BAD_INPUT
+    assert "clip.mp4: is a list of other files, which are not opened" in capsys.readouterr().err
+    assert not list(Path().glob("*seen*"))
+
+
 def test_pictures_of_another_size_are_searched_for_hands_alone(
     picture: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

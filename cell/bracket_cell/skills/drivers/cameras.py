@@ -39,6 +39,7 @@ FOCAL_OFF, CENTRE_OFF_PX, BENDS_OFF = 0.02, 16.0, 0.02  # of `lens_check`: what 
 # of .02 moves the corners of 640 x 480 pixels (focal length 600) by 4 px.
 GRANTED = 0.02  # share by which a granted setting may differ from what was asked for
 FIXED = 1.0  # V4L2: exposure by hand
+LISTS = (b"ffconcat", b"#EXTM3U")  # FFmpeg plays the files that such a text names, whatever its own name is
 Image = NDArray[np.uint8]
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what it has to say is raised, too
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
@@ -295,6 +296,12 @@ class _Film(_Capture):
         return 0.0
 
 
+def is_list(path: Path) -> bool:
+    """Whether a file is no film, but names others; raises OSError where it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(8).startswith(LISTS)
+
+
 class FileCamera(GrabbingCamera):
     """A video file in place of a camera."""
 
@@ -306,6 +313,8 @@ class FileCamera(GrabbingCamera):
                 raise OSError("the film is over")
             if not settings.path.is_file():  # a pipe waits for its writer
                 raise OSError(f"{settings.path} is no file")
+            if is_list(settings.path):
+                raise OSError(f"{settings.path} is a list of other files, not a film")
             return _Film(settings.path, settings.repeat, 1.0 / setup.rate_hz)
 
         super().__init__(settings, clock, bench, role, film)

@@ -3,6 +3,7 @@
 import math
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,11 +12,23 @@ import pytest
 
 from bracket_cell.configuration import load_configuration, load_product
 from bracket_cell.kinds import WEIGHTS
-from bracket_cell.learned.hands.mediapipe.hands import Landmarks, apart, model_folder, network_file
-from bracket_cell.learned.hands.mediapipe.palms import ANCHORS, Palm, Roi, averaged, overlaps, square, wrapped
+from bracket_cell.learned.hands.joint import SKIN
+from bracket_cell.learned.hands.mediapipe.hands import Landmarks, MediaPipeHands, apart, model_folder, network_file
+from bracket_cell.learned.hands.mediapipe.palms import (
+    ANCHORS,
+    PLAIN,
+    Palm,
+    Roi,
+    Tint,
+    averaged,
+    overlaps,
+    square,
+    wrapped,
+)
 from bracket_cell.learned.hands.mediapipe.tracker import MediaPipeReader, mediapipe_tracker
 from bracket_cell.learned.hands.reading import ApparentSize, Reading
 from bracket_cell.learned.hands.regions import Image
+from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.errors import InputError, ModelError
 from bracket_ground.interfaces.pose import Array
 from bracket_lab.experiments.mediapipe_fetch import fetch
@@ -81,6 +94,30 @@ def test_a_square_shows_what_its_shares_say() -> None:
 def test_one_hand_is_looked_at_once() -> None:
     first, near, far = (Roi(np.array([x, 50.0]), 40.0, 0.0) for x in (50.0, 55.0, 120.0))
     assert apart([first, near, far]) == [first, far]
+
+
+@pytest.mark.parametrize(("tints", "hands"), [((PLAIN,), 0), ((PLAIN, SKIN), 1)])
+def test_a_hand_as_white_as_no_skin_is_seen_in_a_tint(
+    tints: Sequence[Tint], hands: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stands for networks that see what is redder than it is blue."""
+    looked: list[Tint] = []
+
+    def find(network: object, image: Image, least_score: float, tint: Tint) -> list[Palm]:  # noqa: ARG001
+        looked.append(tint)
+        return [Palm(0.9, np.array([50.0, 50.0, 20.0, 20.0]), np.array([[50.0, 60.0]] * 2 + [[50.0, 40.0]]))]
+
+    def read(network: object, image: Image, roi: Roi, tint: Tint) -> Landmarks:  # noqa: ARG001
+        return replace(landmarks(HAND + 50), presence=0.9 if tint[0] > tint[2] else 0.1)
+
+    monkeypatch.setattr(OnnxModel, "load", lambda *_: None)
+    monkeypatch.setattr("bracket_cell.learned.hands.mediapipe.hands.find_palms", find)
+    monkeypatch.setattr("bracket_cell.learned.hands.mediapipe.hands.read_landmarks", read)
+    seen, white = MediaPipeHands(Path(), "lite", 4, 0.2, tints), np.full((100, 100, 3), 255, np.uint8)
+    assert len(seen.picture(white)) == hands
+    assert looked == list(tints)
+    assert [bool(seen.frame(white)) for _ in range(2)] == [bool(hands)] * 2
+    assert looked[len(tints) :] == [tints[0], tints[-1]], "in a stream one look for palms a frame"
 
 
 def test_missing_networks_are_said_with_what_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

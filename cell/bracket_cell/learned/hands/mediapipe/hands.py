@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +14,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bracket_cell.learned.hands.mediapipe.palms import LEAST_SCORE, Roi, find_palms, overlaps, square, wrapped
+from bracket_cell.learned.hands.mediapipe.palms import (
+    LEAST_SCORE,
+    PLAIN,
+    Roi,
+    Tint,
+    find_palms,
+    overlaps,
+    square,
+    wrapped,
+)
 from bracket_cell.learned.hands.regions import Image
 from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.interfaces.pose import Array
@@ -57,9 +67,9 @@ class Landmarks:
         return Roi(centre, SCALE * float(max(width, height)), turn)
 
 
-def read_landmarks(network: OnnxModel, image: Image, roi: Roi) -> Landmarks:
+def read_landmarks(network: OnnxModel, image: Image, roi: Roi, tint: Tint = PLAIN) -> Landmarks:
     """The hand in a square of an RGB image; its presence says whether there is one."""
-    answer = network.run({"image": warped(image, roi)})
+    answer = network.run({"image": warped(image, roi) * np.array(tint, np.float32)})
     points = answer["Identity"].astype(np.float64).reshape(21, 3)
     return Landmarks(
         points_px=roi.outside(points[:, :2] / INPUT_PX - 0.5),
@@ -110,44 +120,57 @@ class MediaPipeHands:
     Args:
         folder: where they were written to by `cell lab hands`.
         least_score: of a palm that the landmark network is to look at.
+        tints: in which the networks see an image, one after the other until they see a hand.
 
     Raises:
         ModelError: they are not there.
     """
 
     def __init__(
-        self, folder: Path, size: Size, most_hands: int = MOST_HANDS, least_score: float = LEAST_SCORE
+        self,
+        folder: Path,
+        size: Size,
+        most_hands: int = MOST_HANDS,
+        least_score: float = LEAST_SCORE,
+        tints: Sequence[Tint] = (PLAIN,),
     ) -> None:
         self._palms = OnnxModel.load(network_file(folder, "palm", size), PALM_KIND)
         self._landmarks = OnnxModel.load(network_file(folder, "landmark", size), LANDMARK_KIND)
-        self._most, self._least_score = most_hands, least_score
+        self._most, self._least_score, self._tints = most_hands, least_score, tints
         self._rois: list[Roi] = []
+        self._next_tints = cycle([tint] for tint in tints)
 
     def picture(self, image: Image) -> list[Landmarks]:
         """All hands of a single RGB image."""
-        return self.within(image, self._found(image))
+        return self.within(image, self._found(image, self._tints))
 
     def frame(self, image: Image) -> list[Landmarks]:
-        """All hands of the next RGB image of a stream; palms are looked for only while hands are missing."""
+        """All hands of the next RGB image of a stream; palms are looked for while hands are missing, in one tint."""
         rois = self._rois
         if len(rois) < self._most:
-            rois = apart([*rois, *self._found(image)])[: self._most]
+            rois = apart([*rois, *self._found(image, next(self._next_tints))])[: self._most]
         hands = self.within(image, rois)
         self._rois = apart([hand.roi for hand in hands])
         return hands
 
     def landmarks(self, image: Image, roi: Roi) -> Landmarks:
         """What a square shows; its presence says whether that is a hand."""
-        return read_landmarks(self._landmarks, image, roi)
+        return read_landmarks(self._landmarks, image, roi, PLAIN)
 
-    def _found(self, image: Image) -> list[Roi]:
-        """Squares about palms, the surest first."""
-        return [palm.roi for palm in find_palms(self._palms, image, self._least_score)][: self._most]
+    def _found(self, image: Image, tints: Sequence[Tint]) -> list[Roi]:
+        """Squares about palms, of each tint the surest first."""
+        found = (find_palms(self._palms, image, self._least_score, tint)[: self._most] for tint in tints)
+        return apart([palm.roi for palms in found for palm in palms])
 
     def within(self, image: Image, rois: Sequence[Roi]) -> list[Landmarks]:
         """The hands of an RGB image that squares show."""
-        hands = (self.landmarks(image, roi) for roi in rois)
-        return [hand for hand in hands if hand.presence >= LEAST_PRESENCE]
+        hands = (self._seen(image, roi) for roi in rois)
+        return [hand for hand in hands if hand is not None]
+
+    def _seen(self, image: Image, roi: Roi) -> Landmarks | None:
+        """The hand in a square, by the first tint that shows one."""
+        seen = (read_landmarks(self._landmarks, image, roi, tint) for tint in self._tints)
+        return next((hand for hand in seen if hand.presence >= LEAST_PRESENCE), None)
 
 
 def apart(rois: Sequence[Roi]) -> list[Roi]:

@@ -15,6 +15,8 @@ from bracket_cell.learned.inference.onnx_model import OnnxModel
 from bracket_ground.interfaces.pose import Array
 
 STEPS = 32  # in a pixel
+Tint = tuple[float, float, float]  # factors of red, green and blue
+PLAIN: Tint = (1.0, 1.0, 1.0)
 
 
 def square(image: Image, onto: NDArray[Any], side_px: int, border: int) -> NDArray[np.float32]:
@@ -81,11 +83,11 @@ class Palm:
         return Roi(centre, SCALE * float(max(width, height)), turn)
 
 
-def find_palms(network: OnnxModel, image: Image, least_score: float = LEAST_SCORE) -> list[Palm]:
+def find_palms(network: OnnxModel, image: Image, least_score: float = LEAST_SCORE, tint: Tint = PLAIN) -> list[Palm]:
     """All palms in an RGB image, surest first."""
     height, width = image.shape[:2]
     longest = max(width, height)
-    answer = network.run({"image": letterbox(image)})
+    answer = network.run({"image": letterbox(image) * np.array(tint, np.float32)})
     raw, logits = answer["Identity"][0].astype(np.float64), answer["Identity_1"][0, :, 0]
     scores = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -LARGEST_LOGIT, LARGEST_LOGIT)))
     likely = scores >= least_score

@@ -30,7 +30,7 @@ from bracket_cell.learned.hands.mediapipe.hands import (
     network_file,
 )
 from bracket_cell.learned.hands.mediapipe.hands import Landmarks as Hand
-from bracket_cell.learned.hands.mediapipe.palms import LEAST_SCORE, Roi
+from bracket_cell.learned.hands.mediapipe.palms import LEAST_SCORE, PLAIN, Roi, Tint
 from bracket_cell.learned.hands.model import NEAR_PX, SURE, SlimReader, slim_files
 from bracket_cell.learned.hands.reading import Reading, RegionReader, over_table
 from bracket_cell.learned.hands.regions import Image
@@ -89,7 +89,10 @@ def mediapipe_tracker(bench: Bench, product: Product, files: Mapping[str, Path])
 
 
 def mediapipe_hands(
-    files: Mapping[str, Path], most_hands: int = MOST_HANDS, least_score: float = LEAST_SCORE
+    files: Mapping[str, Path],
+    most_hands: int = MOST_HANDS,
+    least_score: float = LEAST_SCORE,
+    tints: Sequence[Tint] = (PLAIN,),
 ) -> MediaPipeHands:
     """MediaPipe's networks, of `mediapipe_files`.
 
@@ -97,7 +100,7 @@ def mediapipe_hands(
         ModelError: they were not fetched yet.
     """
     try:
-        return MediaPipeHands(files["hands"].parent, ON_THE_BENCH, most_hands, least_score)
+        return MediaPipeHands(files["hands"].parent, ON_THE_BENCH, most_hands, least_score, tints)
     except ModelError as error:
         raise ModelError(f"MediaPipe's networks are not shipped; fetch them once with: {FETCH} ({error})") from None
 

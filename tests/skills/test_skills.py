@@ -13,7 +13,7 @@ from bracket_cell.skills.grasping.phases import PhasedSkill, SetGripper
 from bracket_cell.skills.grasping.straight import MoveUntilContact
 from bracket_cell.skills.motion.grasp_pose import hole_pose
 from bracket_cell.skills.motion.lying_grasp import lying_holds
-from bracket_cell.skills.motion.planner import Load, MotionPlanner
+from bracket_cell.skills.motion.planner import Load, MotionPlanner, settled
 from bracket_cell.skills.motion.trajectory import joint_move
 from bracket_cell.skills.move_aside import MoveAside
 from bracket_cell.skills.move_to import MoveTo
@@ -29,7 +29,7 @@ from bracket_ground.interfaces.perception import PartDetection
 from bracket_ground.interfaces.pose import Array, Pose
 from bracket_ground.interfaces.product import Product
 from bracket_ground.interfaces.skill import SkillStatus
-from tests.skills.ideal_robot import IdealRobot
+from tests.skills.ideal_robot import TICK_S, IdealRobot
 
 DATASHEET_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
 
@@ -377,6 +377,15 @@ def test_an_arm_that_does_not_move_is_a_timeout(planner: MotionPlanner, robot: I
     progress = robot.run(MoveTo(planner, "park"))
     assert progress.status is SkillStatus.FAILURE
     assert "did not arrive in time" in progress.reason
+
+
+def test_a_long_search_for_a_way_is_no_arm_that_does_not_arrive(
+    planner: MotionPlanner, robot: IdealRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ticks, found = round(2 * planner.settings.arm_timeout_s / TICK_S), planner.free_way
+    monkeypatch.setattr(planner, "free_way", lambda *asked: iter([*[None] * ticks, settled(found(*asked))]))
+    assert robot.run(MoveTo(planner, "park")).status is SkillStatus.SUCCESS
+    assert robot.tick > ticks
 
 
 def test_move_aside_moves_a_part_and_lets_go(planner: MotionPlanner, product: Product, robot: IdealRobot) -> None:

@@ -60,7 +60,7 @@ class Move:
         """Wait for standstill, plan and start, then watch."""
         if self._lost(observation):
             return failed(Message("{holding} was dropped while {doing}", holding=self.holding, doing=self.doing))
-        if self._deadline_s is None:
+        if self._deadline_s is None or self._looking is not None:  # a search ends by itself
             self._deadline_s = observation.worked_s + self._timeout_s
         if self._asked is not None and self._asked.follow is not self.trajectory:
             self.trajectory = None  # a skill that was halted later in that tick stopped the arm: begin again

@@ -91,11 +91,14 @@ def test_an_inertia_that_no_body_has_is_simulated(mass: int, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("radius_m", [0.05, 0.2])
-@pytest.mark.parametrize("effort_nm", [0, 2000])
-def test_an_arm_follows_however_heavy_it_is(effort_nm: int, radius_m: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("effort_nm", "wrist"), [(0, ""), (2000, ""), (2000, 'velocity="9" effort="9"')])
+def test_an_arm_follows_however_heavy_or_quick_it_is(
+    effort_nm: int, wrist: str, radius_m: float, tmp_path: Path
+) -> None:
     file = robot_file(tmp_path, "one_sided")
     text = replace(ONE_SIDED, radius_m=radius_m).urdf().replace('effort="120"', f'effort="{effort_nm}"')
-    file.with_suffix(".urdf").write_text(text)
+    before, usual, after = text.rpartition(f'velocity="2.2" effort="{effort_nm}"')
+    file.with_suffix(".urdf").write_text(before + (wrist or usual) + after)
     robot = load_robot(file.name, tmp_path)
     world = world_of(robot)
     arm, period_s = SimArm(world), world.physics.control_period_s
@@ -104,7 +107,9 @@ def test_an_arm_follows_however_heavy_it_is(effort_nm: int, radius_m: float, tmp
     world.step_period()
     times: Array = np.linspace(0.0, 1.0, round(1 / period_s) + 1)  # faster, then slower
     ways = np.where(times < 0.5, times**2 / 2, 0.25 - (1 - times) ** 2 / 2)
-    arm.follow(JointTrajectory(times, start - np.outer(ways, robot.acceleration_rad_s2 * np.array([1, 1, 0, 1, 0, 1]))))
+    arm.follow(
+        JointTrajectory(times, start - np.outer(ways, robot.acceleration_rad_s2 * np.array([1, 1, 0, 1, 0, -1])))
+    )
     off = []
     for time_s in times:
         arm.pace(1.0)

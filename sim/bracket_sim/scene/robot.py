@@ -51,20 +51,20 @@ def _named_apart(text: str) -> str:
 
 def _drive_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     torques_nm, needed_nm = np.array(robot.torques_nm), _speeding_up_nm(spec, robot)
-    units = ({"rad": "N m", "m": "N"}[unit] for unit in robot.units)
-    rows = zip(robot.joints, torques_nm, needed_nm, units, strict=True)
+    rows = zip(robot.joints, torques_nm, needed_nm, ({"rad": "N m", "m": "N"}[u] for u in robot.units), strict=True)
     if weak := [f"{joint} has {has:g} {of} and needs {needs:.2g}" for joint, has, needs, of in rows if 0 < has < needs]:
         what = f"too weak to speed up so soon: {', '.join(weak)}: more torque_nm, or less acceleration_rad_s2"
         raise SettingError((("robot",), what))
     torques_nm = np.where(torques_nm > 0, torques_nm, np.maximum(USUAL_TORQUE_NM, TORQUE_SHARE * needed_nm))
-    stiffness = np.maximum(np.clip(STIFFNESS * torques_nm, LEAST_STIFFNESS, MOST_STIFFNESS), needed_nm / TRAILS_RAD)
-    driven = [values for _, values in robot.servos or ()] or [stiffness, ARMATURE * stiffness, DAMPING * stiffness]
-    for name, torque, stiff, armature, damping in zip(robot.joint_names, torques_nm, *driven, strict=True):
+    own = np.maximum(STIFFNESS * torques_nm, needed_nm / TRAILS_RAD)  # a weak joint's torque bears no more of the rest
+    stiff = np.clip(own, LEAST_STIFFNESS, np.maximum(MOST_STIFFNESS, needed_nm / TRAILS_RAD))
+    driven = [row for _, row in robot.servos or ()] or [stiff, *np.outer((ARMATURE, DAMPING), np.minimum(own, stiff))]
+    for name, torque, kp, armature, damping in zip(robot.joint_names, torques_nm, *driven, strict=True):
         joint = spec.joint(name)
         joint.armature, joint.damping = armature, [damping, 0.0, 0.0]
         kind, most = mujoco.mjtTrn.mjTRN_JOINT, [-torque, torque]
         actuator = spec.add_actuator(name=name, trntype=kind, target=name, forcerange=most)
-        actuator.set_to_position(kp=stiff, dampratio=1.0)
+        actuator.set_to_position(kp=kp, dampratio=1.0)
 
 
 def _speeding_up_nm(spec: mujoco.MjSpec, robot: RobotModel) -> Array:

@@ -75,7 +75,7 @@ def encounters(
     seeds="0:20",
 )
 def separation(shared: Shared, tree: Annotated[Path, Option(help="Tree file to run.")] = DEFAULT_TREE) -> None:
-    """Assemble the same brackets with and without separation, without images: time, least distance, holds."""
+    """Tell what keeping away from the person costs: the same brackets with and without separation, without images."""
     experiment = {"person": shared.person, "tree": str(tree), "config": str(shared.config)}
     kept = RowStore(shared.out, ["seed"], {"command": "separation", **experiment})
     left = [(shared.config, tree, shared.person, seed) for seed in shared.numbers if seed not in kept]

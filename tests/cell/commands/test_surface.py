@@ -116,7 +116,7 @@ def leaves(found: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...],
 def test_evaluations_share_their_options() -> None:
     evaluations = command("lab", "eval").commands
     names = set.union(*(options("lab", "eval", name) for name in evaluations))
-    assert len(evaluations) == 14
+    assert len(evaluations) == 15
     assert len(names) <= 55
 
 

@@ -93,8 +93,9 @@ class CameraModel:
             return pixels
         bent = self.normalised(pixels)
         straight = bent
+        askew = self._askew if self.distortion_p1 or self.distortion_p2 else np.zeros_like
         for _ in range(ITERATIONS):
-            straight = (bent - self._askew(straight)) / self._stretch(straight)
+            straight = (bent - askew(straight)) / self._stretch(straight)
         pinhole: Array = straight * self.focals_px + self.middle_px
         return pinhole
 

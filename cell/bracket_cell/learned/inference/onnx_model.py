@@ -6,8 +6,9 @@ import hashlib
 import os
 import re
 import threading
+import time
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -31,7 +32,7 @@ SIDE_PX = (32, 4096)  # of an image that a foreign file takes
 SILENT = 4  # of ONNX Runtime: it writes nothing to the terminal; its errors are told by ours
 BESIDE_KEY = "session.model_external_initializers_file_folder_path"  # where a file may read others: nowhere
 CODES = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ")
-PATIENCE_S = 20.0  # with a network: a loop in a stranger's may have no end
+PATIENCE_S, LOOKED_AFTER_S = 20.0, 0.5  # with a network: a loop in a stranger's may have no end; how often that is seen
 LOAD_ERRORS = (
     ort_errors.Fail,
     ort_errors.InvalidArgument,
@@ -260,21 +261,37 @@ class _Answers(dict[str, NDArray[Any]]):
     ) -> None:
         self._path, options = path, onnxruntime.RunOptions()
         options.log_severity_level = SILENT
-        late = threading.Timer(PATIENCE_S, setattr, (options, "terminate", True))
-        late.start()
+        _watch()[id(options)] = (time.monotonic() + PATIENCE_S, options)
         try:
             super().__init__(zip(outputs, session.run(outputs, dict(inputs), options), strict=True))
         except (ValueError, *LOAD_ERRORS) as error:
             what = f"does not answer for {PATIENCE_S:g} s" if options.terminate else _said(error)
             raise ModelError(f"{path}: {what}") from error
         finally:
-            late.cancel()
-            late.join()
+            del _watch()[id(options)]
         if wrong := [name for name, values in self.items() if not np.isfinite(values).all()]:
             raise ModelError(f"{path}: output {wrong[0]!r} is not finite")
 
     def __missing__(self, name: str) -> NDArray[Any]:
         raise ModelError(f"{self._path}: has no output {name!r}, but {', '.join(self)}; take a copy, or train it again")
+
+
+@cache
+def _watch() -> dict[int, tuple[float, onnxruntime.RunOptions]]:
+    """Calls of networks, by when each must have ended; one thread ends those that have not."""
+    calls: dict[int, tuple[float, onnxruntime.RunOptions]] = {}
+
+    def end_late() -> None:
+        while True:
+            time.sleep(LOOKED_AFTER_S)
+            for until_s, options in tuple(calls.values()):
+                options.terminate = options.terminate or time.monotonic() > until_s
+
+    threading.Thread(target=end_late, name="calls of networks", daemon=True).start()
+    return calls
+
+
+os.register_at_fork(after_in_child=_watch.cache_clear)  # a thread is not forked
 
 
 class _Opened(NamedTuple):

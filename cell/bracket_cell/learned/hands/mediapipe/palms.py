@@ -27,9 +27,9 @@ def square(image: Image, onto: NDArray[Any], side_px: int, border: int) -> NDArr
         border: what lies beyond the image, a border type of OpenCV.
     """
     back = cv2.invertAffineTransform(onto.astype(np.float64))
-    row, column = np.mgrid[0:side_px, 0:side_px].astype(np.float64)
-    places = back[:, 0, None, None] * column + back[:, 1, None, None] * row + back[:, 2, None, None]
-    x, y = (np.rint(places * STEPS) / STEPS).astype(np.float32)
+    along = np.arange(side_px, dtype=np.float64)
+    places = (along * of_column + along[:, np.newaxis] * of_row + start for of_column, of_row, start in back)
+    x, y = ((np.rint(place * STEPS) / STEPS).astype(np.float32) for place in places)
     cut = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border)
     scaled: NDArray[np.float32] = cut[np.newaxis].astype(np.float32) / np.float32(255)
     return scaled

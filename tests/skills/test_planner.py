@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from bracket_cell.skills.motion.arm_outline import Rooms
 from bracket_cell.skills.motion.beside_person import BesidePerson
 from bracket_cell.skills.motion.collision import Box
 from bracket_cell.skills.motion.grasp_pose import hole_pose
@@ -201,6 +203,29 @@ def test_beside_a_person_ways_lead_back_first_and_are_sooner_for_that(planner: M
     far = planner.reach([Pose((0.35, -0.45, 0.3), DOWN)], park, LOAD)
     assert not isinstance(far, str), far
     assert [len(way) for way in beside.soonest(park, far[1])] == [2]
+
+
+def test_how_long_a_way_takes_needs_few_distances(planner: MotionPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a link that nobody could reach in time a bound says enough; the answer is the same as from all distances."""
+    beside, rng = planner.beside, np.random.default_rng(4)
+    park, look = np.array(planner.bench.arm_park_rad), np.array(planner.bench.arm_look_rad)
+    ways = [np.array([park, look + rng.normal(0, 0.3, 6), look + rng.normal(0, 0.6, 6)]) for _ in range(20)]
+    measure, measured = Rooms.measure, {}
+
+    def measures(everything: bool) -> tuple[list[tuple[float, float]], int]:
+        def counting(rooms: Rooms, wanted: NDArray[np.bool_]) -> None:
+            measure(rooms, wanted | everything)
+            measured[id(rooms)] = rooms
+
+        measured.clear()
+        monkeypatch.setattr(Rooms, "measure", counting)
+        takes_s = [beside.takes_s(way) for way in ways]
+        return takes_s, sum(int(np.isfinite(rooms.distances_m).sum()) for rooms in measured.values())
+
+    (few_s, few), (all_s, all_of_them) = measures(False), measures(True)
+    assert few_s == all_s
+    assert len(set(few_s)) == len(ways)
+    assert 0 < few < 0.7 * all_of_them
 
 
 def test_a_hand_that_works_beside_the_way_is_gone_round_and_one_that_passes_is_not(planner: MotionPlanner) -> None:

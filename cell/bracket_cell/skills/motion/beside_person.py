@@ -7,7 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bracket_cell.skills.motion.arm_outline import Rooms, turned
 from bracket_cell.skills.motion.kinematics import Kinematics
 from bracket_cell.skills.motion.known_bench import Implausible, KnownBench
 from bracket_cell.skills.motion.person_space import Person
@@ -65,24 +67,46 @@ class BesidePerson:
         Args:
             people: by default those that were seen last, and whoever may come over the edge.
         """
-        monitor, settings = self._separation, self._separation.settings
+        monitor = self._separation
         gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way_rad, axis=0)).max(axis=1))])
         marks = np.linspace(0.0, gone[-1], max(2, math.ceil(gone[-1] / MARK_RAD) + 1))
         rows = np.column_stack([np.interp(marks, gone, column) for column in way_rad.T])
         placed = monitor.outline.placed(rows)
-        steps_m = np.linalg.norm(np.diff(monitor.outline.corners_m(placed), axis=0), axis=3).max(axis=2)
+        corners_m = monitor.outline.corners_m(placed)
+        steps_m = np.linalg.norm(np.diff(corners_m, axis=0), axis=3).max(axis=2)
         hurried_s = (np.abs(np.diff(rows, axis=0)) / self._speeds_rad_s).max(axis=1)
         takes_s, held_s = hurried_s, 0.0
         for person in self._people if people is None else people:
-            rooms_m = monitor.outline.rooms(placed, person.body, holding=False).distances_m
-            rooms_m = np.minimum(rooms_m[:-1], rooms_m[1:])
-            least_m = monitor.protective_m(person.most_m_s(), person.age_s, person.doubt_m)
-            held_s = HELD_S if person.waited_for and rooms_m.min() < least_m else held_s
-            free_m = rooms_m - settings.hand_error_m - monitor.arm_error_m
-            spare_s = arrival_s(free_m, np.full(free_m.shape, person.most_m_s()), settings)
-            may_m_s = settings.slow_m_s + BRAKES_M_S2 * (spare_s - person.age_s - settings.reaction_s).clip(0.0)
-            takes_s = np.maximum(takes_s, (steps_m / may_m_s).max(axis=1))
+            rooms = monitor.outline.least_rooms(placed, turned(corners_m), person.body, holding=False)
+            takes_s = np.maximum(takes_s, self._slowed_s(rooms, steps_m, person, takes_s))
+            if person.waited_for:
+                least_m = monitor.protective_m(person.most_m_s(), person.age_s, person.doubt_m)
+                rooms.measure(rooms.least_m < least_m)
+                held_s = HELD_S if rooms.distances_m.min() < least_m else held_s
         return float(takes_s.sum()) + held_s, float(hurried_s.sum())
+
+    def _slowed_s(self, rooms: Rooms, steps_m: Array, person: Person, takes_s: Array) -> Array:
+        """(K - 1,) how long the slowest link takes for each piece of a way beside a person, as far as that is longer.
+
+        Distances are measured link by link, the one first that may be the slowest, until a measured one is.
+        """
+        known_m = rooms.least_m
+        while True:
+            longest_s = steps_m / self._may_m_s(person, known_m)
+            slowest = longest_s == longest_s.max(axis=1, keepdims=True)
+            asked = _ends(slowest & (longest_s > takes_s[:, np.newaxis])) & np.isinf(rooms.distances_m)
+            if not asked.any():
+                return np.asarray(longest_s.max(axis=1))
+            rooms.measure(asked)
+            known_m = np.where(np.isinf(rooms.distances_m), rooms.least_m, rooms.distances_m)
+
+    def _may_m_s(self, person: Person, rooms_m: Array) -> Array:
+        """(K - 1, L) how fast links may be beside a person, from their distances (K, L)."""
+        monitor, settings = self._separation, self._separation.settings
+        free_m = np.minimum(rooms_m[:-1], rooms_m[1:]) - settings.hand_error_m - monitor.arm_error_m
+        spare_s = arrival_s(free_m, np.full(free_m.shape, person.most_m_s()), settings)
+        may_m_s: Array = settings.slow_m_s + BRAKES_M_S2 * (spare_s - person.age_s - settings.reaction_s).clip(0.0)
+        return may_m_s
 
     def _ways_back(self, ends_rad: Array) -> Iterator[Array]:
         """Ways (k, joints) that lead back from the person at first, or come to them last; also by a middle between."""
@@ -113,3 +137,10 @@ class BesidePerson:
         pose = Pose((min(x, float(first[0])), y, z), self._kinematics.forward(between_rad).quaternion_wxyz)
         found = self._kinematics.follow(pose, between_rad)
         return found if found is not None and self._kinematics.within_limits(found) else None
+
+
+def _ends(pieces: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K, L) the places where pieces (K - 1, L) begin or end."""
+    none = np.zeros_like(pieces[:1])
+    ends: NDArray[np.bool_] = np.concatenate([pieces, none]) | np.concatenate([none, pieces])
+    return ends

@@ -143,6 +143,8 @@ def parts(asked: Training, weights: Path) -> Scores:
     scenes, kept = load_scenes(folders, product), list[Scene]()
     if asked.data:
         scenes, kept = split(scenes, OWN_SHARE, asked.seed)
+    if asked.data and asked.kind != "stacked":
+        _boxes(scenes, product)
     if asked.kind == "rcnn":
         return faster_rcnn(asked, scenes, product, weights)
     floor_m = configuration.bench.tray.centre_m[2]
@@ -160,17 +162,26 @@ def parts(asked: Training, weights: Path) -> Scores:
     return {**facts, **scores, **beside(asked, "parts", weights, kept, scenes)}
 
 
+def _boxes(scenes: Sequence[Scene], product: Product) -> Counter[str]:
+    """How many there are of each type.
+
+    Raises:
+        InputError: no picture shows one of the product's types.
+    """
+    seen = Counter(label.part for scene in scenes for label in scene.labels)
+    if unseen := [part for part in product.parts if not seen[part]]:
+        named = f"only {', '.join(sorted(seen))}" if seen else "no part"
+        raise InputError(f"--data: {named} labelled in {len(scenes)} pictures; none shows {', '.join(unseen)}")
+    return seen
+
+
 def boxed_parts(
     asked: Training, scenes: Sequence[Scene], product: Product, floor_m: float, weights: Path, kept: Sequence[Scene]
 ) -> Scores:
     """Train the part detector on boxes alone, as people give them."""
     from bracket_lab.learned.parts.train import train_parts
 
-    seen = Counter(label.part for scene in scenes for label in scene.labels)
-    if unseen := [part for part in product.parts if not seen[part]]:
-        named = f"only {', '.join(sorted(seen))}" if seen else "no part"
-        raise InputError(f"--data: {named} labelled in {len(scenes)} pictures; none shows {', '.join(unseen)}")
-    figures = dict[str, float]()
+    seen, figures = _boxes(scenes, product), dict[str, float]()
     for share in (*CURVE, 1) if asked.curve else (1,):
         some, out = scenes[:: round(1 / share)], weights if share == 1 else weights.with_suffix(f".{share:g}.onnx")
         epochs = asked.epochs or box_epochs(len(some))

@@ -90,6 +90,24 @@ def test_the_command_writes_the_page_of_own_pictures(
     assert "--page worst.html: goes with --data" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("kind", ["centre", "rcnn"])
+def test_types_that_no_picture_shows_are_named(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("photos", "y"):
+        Path(folder).mkdir()
+    Path("y/classes.txt").write_text("o1")
+    for number in range(5):
+        cv2.imwrite(f"photos/{number}.png", np.full(SIZE, 100 + 20 * number, np.uint8))
+        Path(f"y/{number}.txt").write_text("0 0.5 0.5 0.2 0.2")
+    assert main(["record", "photos", "--camera", "wrist", "--out", "own"]) == 0
+    assert main(["label", "own", "--import", "y"]) == 0
+    words = ["lab", "train", "parts", "--kind", kind, "--data", "own", "--out", "t.onnx", "--epochs", "1"]
+    assert main(words) == 2
+    assert "--data: only o1 labelled in 4 pictures; none shows o2, o3" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.long
 def test_parts_of_other_names_are_trained_with_a_curve_and_hands_stay_learned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -53,6 +53,7 @@ class WorkOrders:
 
     def __init__(self, variants: Mapping[str, str], path: Path | None = None, book: Book | None = None) -> None:
         self._variants, self._path, self._book = dict(variants), path, book or Book()
+        self._example = f"; {ORDER % next(iter(variants), '')}"
         self._orders = self._written()
         self._looked_s, self._text, self._unread = -math.inf, "", ""
         self._open: tuple[WorkOrder, ...] = ()
@@ -96,8 +97,7 @@ class WorkOrders:
         try:
             read = json.loads(text, parse_int=lambda digits: int(digits[:DIGITS]), object_pairs_hook=_fields)
         except (ValueError, RecursionError) as error:
-            example = ORDER % next(iter(self._variants), "")
-            raise InputError(f"this is no work order: it {mistakes(error)[0]}; {example}") from None
+            raise InputError(f"this is no work order: it {mistakes(error)[0]}{self._example}") from None
         try:
             return self._order(read, named)
         except ValueError as error:
@@ -141,14 +141,17 @@ class WorkOrders:
         whole = text[: text.rfind("\n") + 1] if self._looked_s > -math.inf else text
         if whole in ("", self._text):
             return []
-        known, self._text, problems = Counter(self._text.split("\n")), whole, []
+        known, self._text, problems, example = Counter(self._text.split("\n")), whole, [], self._example
         for number, line in enumerate(whole.split("\n"), 1):
             known[line] -= 1
             if known[line] < 0 and line.strip():
                 try:
                     self._take(self.checked(line, named=self._book.path is not None))
                 except InputError as error:
-                    problems.append(Problem(Place(self._path, number), str(error)))
+                    text = str(error)
+                    if self._example in text:  # once is enough
+                        text, example = text.replace(self._example, example), ""
+                    problems.append(Problem(Place(self._path, number), text))
             if len(problems) == TOLD_N:
                 problems.append(Problem(Place(self._path, number + 1), "lines from here on were not read", REST))
                 break

@@ -114,7 +114,7 @@ def _read_and_run(options: RunOptions, console: Console, watchdog: Watchdog) -> 
         product = load_product(configuration, options.configuration)
         tree = options.load(product, configuration)
         configuration, notice = with_detectors_for(configuration, product)
-        if notice:
+        if notice and (options.pixels or not configuration.devices.simulated):  # else the truth sees
             console.print(notice, highlight=False)
         if notice := unnamed_calibration(options.configuration, configuration):
             console.print(notice, highlight=False, soft_wrap=True)

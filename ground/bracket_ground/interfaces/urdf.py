@@ -62,6 +62,7 @@ def parsed(text: str, path: Path, flange: str) -> tuple[ElementTree.Element, lis
         )
     still = held_still(root, flange)
     _reduce(root, flange, still)
+    _drop_flat_drawings(root)
     if wrong := [*_wrong_numbers(root), *_wrong_solids(root)] or [*_wrong_joints(root, flange)]:
         raise ValueError(f"{path}: {'; '.join(wrong)}")
     _normalise(root)
@@ -246,6 +247,15 @@ def _reduce(root: ElementTree.Element, flange: str, still: list[str]) -> None:
     for link in root.findall("link"):
         if link.get("name") in beyond:
             root.remove(link)
+
+
+def _drop_flat_drawings(root: ElementTree.Element) -> None:
+    """Without what is only drawn and has an extent of 0: it shows nothing, and the links have collision shapes."""
+    for link in root.findall("link") if root.find("link/collision") is not None else ():
+        for drawing in link.findall("visual"):
+            texts = [part.get(key, "1") for part in drawing.iterfind("geometry/*") for key in EXTENTS]
+            if any(_are_numbers(text, len(text.split())) and 0.0 in map(float, text.split()) for text in texts):
+                link.remove(drawing)
 
 
 def _normalise(root: ElementTree.Element) -> None:

@@ -110,7 +110,8 @@ def _drawn(shared: Shared, faults: int) -> int:
         kept.add(_ended(row))
         screen.print(words_of(row), highlight=False)
 
-    left = [(path, trials, seed) for trials, seed in missing(faults, first, kept.keys)]
+    joints = len(load_configuration(path).robot.joints)
+    left = [(path, trials, seed) for trials, seed in missing(faults, first, kept.keys, joints)]
     if shared.workers == 1 and shared.scheduler is None:  # rows come as they are known
         for trial in left:
             drawn_rows(*trial, tell)

@@ -71,11 +71,11 @@ class Drawn:
         return self.number // (EACH + 1) % 2 == 1
 
     @staticmethod
-    def by_number(number: int, first_seed: int) -> Drawn:
+    def by_number(number: int, first_seed: int, joints: int = 6) -> Drawn:
         """The trial of this number; the last of each run has no fault."""
         rng = np.random.default_rng([first_seed, number])
         signals = DETECTED if Drawn(number, NONE, 0, 0.0).beside else SIGNALS
-        fault, tick = drawn_fault(rng, signals), int(rng.integers(*TICKS))
+        fault, tick = drawn_fault(rng, signals, joints), int(rng.integers(*TICKS))
         name = NONE if number % (EACH + 1) == EACH else fault.name
         return Drawn(number, name, tick, float(rng.uniform(*PAUSES_S)))
 
@@ -356,12 +356,13 @@ def _share(right: int, count: int) -> str:
     return f"{right} of {count}, 95 % {low:.3f} to {high:.3f}"
 
 
-def missing(faults: int, first_seed: int, done: Container[int]) -> list[tuple[list[Drawn], int]]:
+def missing(faults: int, first_seed: int, done: Container[int], joints: int = 6) -> list[tuple[list[Drawn], int]]:
     """Trials that still have to be run, with the seed of the run that splits for them."""
     left: dict[int, list[Drawn]] = {}
     for number in range(faults + faults // EACH):
         if number not in done:
-            left.setdefault(first_seed + number // (EACH + 1), []).append(Drawn.by_number(number, first_seed))
+            drawn = Drawn.by_number(number, first_seed, joints)
+            left.setdefault(first_seed + number // (EACH + 1), []).append(drawn)
     return [(trials, seed) for seed, trials in left.items()]
 
 

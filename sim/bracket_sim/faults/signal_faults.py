@@ -308,12 +308,12 @@ def _swapped(value: Any) -> Any:
     return tuple(replace(part, part=other.part) for part, other in zip(value, turned, strict=True))
 
 
-def drawn_fault(rng: np.random.Generator, signals: Mapping[str, Spread] = SIGNALS) -> SignalFault:
-    """A fault at random: a signal, a kind that it can have, and a size."""
+def drawn_fault(rng: np.random.Generator, signals: Mapping[str, Spread] = SIGNALS, joints: int = 6) -> SignalFault:
+    """A fault at random: a signal, a kind that it can have, a size, and one of the arm's joints."""
     name = str(rng.choice(list(signals)))
     spread, (device, _, signal) = signals[name], name.partition(".")
     kind = ANY[ANY.index(str(rng.choice(list(spread.kinds))))]
-    joint = int(rng.integers(6)) if signal in OF_JOINTS and kind in ("offset", "foreign") else None
+    joint = int(rng.integers(joints)) if signal in OF_JOINTS and kind in ("offset", "foreign") else None
     return SignalFault(signal, kind, _drawn_size(rng, kind, spread), joint, device)
 
 

@@ -23,6 +23,8 @@ from tests.arms import DRAWN, cell_file, robot_file
 
 SEVEN = DRAWN["seven"].urdf()
 BOX = '<collision><geometry><box size=".1 .1 {}"/></geometry></collision></link><joint name="ax3"'
+SOLID = '<collision><geometry><box size=".1 .1 .1"/></geometry></collision>'
+FLAT = BOX.replace("collision", "visual")
 SNAKE = "".join(
     f'<link name="s{n}"/><joint name="j{n}" type="continuous"><parent link="{f"s{n - 1}" if n else "l6"}"/>'
     f'<child link="s{n}"/></joint>'
@@ -141,6 +143,7 @@ ODD = {
     "a joint's words of others": SEVEN.replace("</joint>", "<safety_controller/><dynamics/><b:c/></joint>"),
     "a long axis": SEVEN.replace('axis xyz="0 1 0"', 'axis xyz="0 1e200 0"'),
     "a short axis": SEVEN.replace('axis xyz="0 1 0"', 'axis xyz="0 1e-200 0"'),
+    "a drawing of no size": SEVEN.replace('</link><joint name="ax3"', f"{SOLID}{FLAT.format(0)}", 1),
     "Windows' lines": SEVEN.replace("><", ">\r\n<"),
 }
 

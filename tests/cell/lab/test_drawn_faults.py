@@ -125,3 +125,10 @@ def test_every_kind_of_every_signal_is_drawn_and_can_be_read_again(signals: dict
     assert pairs == {(name, kind) for name, spread in signals.items() for kind in spread.kinds}
     for fault in drawn[:200]:
         assert SignalFault.parse(fault.name).name == fault.name
+
+
+@pytest.mark.parametrize("joints", [6, 7])
+def test_a_fault_is_drawn_in_every_joint_of_the_arm(joints: int) -> None:
+    trials = [trial for trials, _ in missing(4000, 7, (), joints) for trial in trials]
+    faults = [SignalFault.parse(trial.fault) for trial in trials if trial.fault != NONE]
+    assert {fault.joint for fault in faults} == {None, *range(joints)}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bracket_cell.commands.main import main
 from bracket_cell.configuration import DEFAULT_CONFIGURATION, load_configuration, load_product
 from bracket_cell.kinds import DETECTORS, TRAINED_DEFAULTS, Kind
 from bracket_cell.learned.classical.action_detector import ClassicalActionDetector
@@ -143,6 +144,18 @@ def test_a_product_that_no_weights_know_is_seen_by_colour_and_that_is_said() -> 
     own = {task: {"kind": kind} for task, kind in TRAINED_DEFAULTS.items()}
     chosen = Perception.model_validate({"kind": "learned", **own})
     assert detectors_for(chosen, other) == (chosen, "")  # what was chosen by itself is checked, not replaced
+
+
+@pytest.mark.parametrize("look", ["none", "nominal"])
+def test_a_run_in_which_no_detector_sees_says_nothing_of_detectors(
+    look: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tree := tmp_path / "a.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    config = str(DEFAULT_CONFIGURATION.parent / "examples" / "layers" / "cell.yaml")
+    assert main(["run", str(tree), "--config", config, "--look", look, "--log", str(tmp_path / "a.mcap")]) == 0
+    assert ("classical (colours, outlines)" in "".join(capsys.readouterr())) == (look == "nominal")
 
 
 def test_answers_come_as_late_as_the_cards_of_the_detectors_tell(monkeypatch: pytest.MonkeyPatch) -> None:

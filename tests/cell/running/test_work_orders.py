@@ -82,6 +82,7 @@ def test_of_many_lines_that_are_no_orders_the_first_are_told(tmp_path: Path) -> 
     with pytest.raises(InputError) as refused:
         WorkOrders(GOALS, path)
     assert str(refused.value).count("this is no work order") == 20
+    assert str(refused.value).count("a line is an order, as {") == 1
     assert f"{path}:22: lines from here on were not read" in str(refused.value)
     queue = WorkOrders(GOALS, written(tmp_path / "grows.jsonl", {"id": "A", "variant": "g0"}))
     queue.open(0.0)

@@ -266,8 +266,13 @@ class McapScanner:
         self._sink.take(records.Message(number, time_ns, data, published_ns, sequence))
 
     def _count(self, channel: records.Channel, sequence: int) -> None:
-        """Messages of a channel are numbered from 1 without gaps; a tool may have cropped the first ones."""
+        """Messages of a channel are numbered from 1 without gaps; a tool may have cropped the first ones.
+
+        Of a channel that another tool added, all may be 0: not numbered (MCAP's specification).
+        """
         first, expected = channel.id not in self._last, self._last.get(channel.id, 0) + 1
+        if first and sequence == 0:
+            return
         self._last[channel.id] = sequence
         if sequence == expected:
             return

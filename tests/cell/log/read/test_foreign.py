@@ -6,7 +6,7 @@ import itertools
 import json
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -217,3 +217,10 @@ def test_a_foreign_file_that_was_cut_is_said_to_be_unfinished(tmp_path: Path) ->
     for data in tails(write(STYLES[0])):
         path.write_bytes(data)
         assert read_mcap(path).unfinished
+
+
+def test_another_tool_may_add_messages_without_numbers_to_a_log_of_this_program(tmp_path: Path) -> None:
+    path = tmp_path / "added.mcap"
+    path.write_bytes(write(replace(PLAIN[0], profile="cell", numbered=False), replace(USUAL, attachments=False)))
+    assert len(read_mcap(path).messages) == len(USUAL.messages)
+    assert not recover(path, tmp_path / "mended.mcap").lossy

@@ -203,3 +203,47 @@ def test_a_camera_without_depths_says_so_where_the_bench_wants_them() -> None:
     with pytest.raises(DeviceFault, match="sends no depths"):
         camera.latest()
     camera.close()
+
+
+@pytest.mark.parametrize("stamp_s", [3600.0, -3600.0, float("nan"), -1.7e9])
+def test_stamps_of_no_clock_of_this_machine_are_none(
+    driver: Any, monkeypatch: pytest.MonkeyPatch, stamp_s: float
+) -> None:
+    usual = Pipeline.wait_for_frames
+
+    def stamped(self: Pipeline, limit_ms: int) -> Made:
+        time.sleep(0.03)
+        frames: Any = usual(self, limit_ms)
+        told = Made(get_timestamp=1000 * (time.time() + stamp_s))
+        told.__dict__ = {**frames.get_color_frame().__dict__, **told.__dict__}
+        return Made(get_color_frame=told)
+
+    monkeypatch.setattr(Pipeline, "wait_for_frames", stamped)
+    clock = WallClock()
+    camera = driver.RealsenseCamera(RealsenseSettings(), clock, bench_of(640, 480, False), "overhead")
+    frame = first_frame(camera)
+    assert 0.0 <= clock.now_s() - frame.time_s < 5.0
+
+
+def test_a_camera_that_sends_one_image_for_ever_is_opened_again(driver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "FRAME_MS", 50)
+    source = driver._Pipeline(RealsenseSettings(), bench_of(640, 480, False).overhead.drawn)
+    calls = iter(range(10_000))
+
+    def frozen(_: int) -> Made:
+        time.sleep(PERIOD_S)
+        assert next(calls) < 100, "for ever"
+        return Made(get_color_frame=Made(get_frame_number=7))
+
+    source._number, source._pipeline.wait_for_frames = 7, frozen
+    with pytest.raises(OSError, match="one image again and again"):
+        source.grab()
+
+
+def test_whatever_it_raises_while_it_is_opened_is_a_fault(driver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing() -> None:
+        raise RuntimeError("failed to set power state")
+
+    monkeypatch.setattr(driver.pyrealsense2, "context", nothing)
+    with pytest.raises(DeviceFault, match="camera overhead: cannot be opened"):
+        driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(641, 480, False), "overhead")

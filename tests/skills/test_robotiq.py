@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import termios
 import threading
 import time
@@ -14,7 +15,7 @@ from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ConnectionException
 
 from bracket_cell.skills.drivers import robotiq
-from bracket_cell.skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper
+from bracket_cell.skills.drivers.robotiq import ModbusGripper, RegisterGripper, Request, Status, UrcapGripper, UrcapWire
 from bracket_cell.skills.drivers.settings import RobotiqModbusSettings, RobotiqUrcapSettings
 from bracket_ground.contracts import gripper as gripper_contract
 from bracket_ground.errors import DeviceFault
@@ -314,3 +315,17 @@ def test_a_wire_that_raises_anything_is_opened_again_and_says_why() -> None:
     assert gripper.state().activated
     assert "Input/output error" in told
     gripper.close()
+
+
+@pytest.mark.parametrize(("name", "value"), [("STA", 7), ("STA", 99), ("OBJ", 4), ("GTO", 2), ("POS", 300)])
+def test_a_value_that_the_field_cannot_have_is_no_status(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: int
+) -> None:
+    values = {"ACT": 1, "GTO": 1, "STA": 3, name: value}
+
+    def answered(_: UrcapWire, line: str, answer: bytes) -> re.Match[bytes] | None:
+        return re.fullmatch(answer, f"{line[4:]} {values.get(line[4:], 0)}".encode())
+
+    monkeypatch.setattr(UrcapWire, "_ask", answered)
+    with pytest.raises(ConnectionError, match=f"'GET {name}' is answered with {value}"):
+        UrcapWire.__new__(UrcapWire).read()

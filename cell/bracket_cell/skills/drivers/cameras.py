@@ -96,7 +96,7 @@ class GrabbingCamera:
         self._came_s, self._trouble, self._sequence = clock.now_s(), "no frame yet", -1
         try:
             self._source: Source | None = open_source(self._setup)
-        except (OSError, cv2.error) as error:
+        except Exception as error:  # whatever a driver raises, as when it is opened again
             raise self._fault(f"cannot be opened: {_words(error)}") from error
         self.lens: Lens | None = getattr(self._source, "lens", None)
         self._thread = threading.Thread(target=self._run, name=f"camera {role}", daemon=True)

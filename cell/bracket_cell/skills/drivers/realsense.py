@@ -18,6 +18,7 @@ from bracket_ground.interfaces.frame import together
 from bracket_ground.interfaces.intrinsics import Lens
 
 FRAME_MS = 1000  # in which a frame must come
+OLDEST_S = 10.0  # a stamp from before it, or from the future, is of a clock that is not this machine's
 MOST_MM = np.iinfo(np.uint16).max
 Mode = tuple[int, int, int]  # width, height, images a second
 
@@ -63,6 +64,7 @@ class _Pipeline:
 
     def grab(self) -> tuple[Image, float | None]:
         """As in `Source`; a frame that comes twice is taken once, and stamps of the camera's own clock for none."""
+        until_s = time.monotonic() + FRAME_MS / 1000
         while True:
             try:
                 frames: Any = self._pipeline.wait_for_frames(FRAME_MS)
@@ -72,11 +74,14 @@ class _Pipeline:
             frame = frames.get_color_frame()
             if frame and frame.get_frame_number() != self._number:
                 break
+            if time.monotonic() > until_s:
+                raise OSError("RealSense: it sends one image again and again")
         self._number = frame.get_frame_number()
         of_host = frame.get_frame_timestamp_domain() == pyrealsense2.timestamp_domain.global_time
-        ago_s = time.time() - frame.get_timestamp() / 1000 if of_host else None
+        ago_s = time.time() - frame.get_timestamp() / 1000 if of_host else -1.0
         image = np.asanyarray(frame.get_data()).astype(np.uint8)
-        return image if self._align is None else together(image, self._depth_mm(frames)), ago_s
+        stamped_s = ago_s if 0 <= ago_s < OLDEST_S else None
+        return image if self._align is None else together(image, self._depth_mm(frames)), stamped_s
 
     def _depth_mm(self, frames: Any) -> NDArray[np.uint16]:
         """Depths by the pixels of the colour image; 0 where none is known."""

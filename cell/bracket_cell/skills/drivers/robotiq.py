@@ -37,6 +37,7 @@ KEEP_ALIVE_S = 0.2  # the gripper faults after 1 s without a command
 RETRY_S = 0.1  # after which a wire is opened again
 CLOSES_S = 2.0  # in which it is let go of; an operating system may hold a port for longer
 END_COUNTS = 2  # so near their end, fingers that say that they met something have met each other
+MOST = {"ACT": 1, "GTO": 1, "STA": 3, "OBJ": 3}  # of the fields of one byte; others have a byte each
 COMMAND_REGISTER, STATUS_REGISTER, REGISTERS = 0x03E8, 0x07D0, 3
 ADOPTED_COUNT = 48  # force (60 N) and speed with which an adopted gripper goes on; its status does not tell
 FAULTS = {
@@ -376,7 +377,10 @@ class UrcapWire:
         """As in `Wire`."""
         names = ("ACT", "GTO", "STA", "OBJ", "FLT", "PRE", "POS", "COU")
         answers = {name: self._ask(f"GET {name}", name.encode() + rb" (\d+)")[1] for name in names}
-        registers = {name: min(int(answer), 255) for name, answer in answers.items()}
+        registers = {name: int(answer) for name, answer in answers.items()}
+        for name, value in registers.items():
+            if value > (most := MOST.get(name, 255)):
+                raise ConnectionError(f"'GET {name}' is answered with {value}, the most is {most}")
         first = registers["ACT"] | registers["GTO"] << 3 | registers["STA"] << 4 | registers["OBJ"] << 6
         return bytes((first, 0, registers["FLT"], registers["PRE"], registers["POS"], registers["COU"]))
 

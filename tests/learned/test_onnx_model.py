@@ -106,6 +106,11 @@ def test_calls_begin_no_threads_of_their_own(saved: Path, monkeypatch: pytest.Mo
     assert model.run({"x": np.ones(1, np.float32)})["y"] == [1.0]
 
 
+def test_two_first_calls_at_once_may_begin_two_watches(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnx_model, "_watch", dict)  # another one for each that asks
+    assert OnnxModel.load(saved, "test.root").run({"x": np.ones(1, np.float32)})["y"] == [1.0]
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [(None, "No such file"), (b"", "damaged"), (b"garbage" * 9, "damaged"), ("cut", "damaged"), ("bare", "model card")],

@@ -261,14 +261,15 @@ class _Answers(dict[str, NDArray[Any]]):
     ) -> None:
         self._path, options = path, onnxruntime.RunOptions()
         options.log_severity_level = SILENT
-        _watch()[id(options)] = (time.monotonic() + PATIENCE_S, options)
+        calls = _watch()
+        calls[id(options)] = (time.monotonic() + PATIENCE_S, options)
         try:
             super().__init__(zip(outputs, session.run(outputs, dict(inputs), options), strict=True))
         except (ValueError, *LOAD_ERRORS) as error:
             what = f"does not answer for {PATIENCE_S:g} s" if options.terminate else _said(error)
             raise ModelError(f"{path}: {what}") from error
         finally:
-            del _watch()[id(options)]
+            del calls[id(options)]
         if wrong := [name for name, values in self.items() if not np.isfinite(values).all()]:
             raise ModelError(f"{path}: output {wrong[0]!r} is not finite")
 

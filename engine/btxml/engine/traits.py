@@ -34,6 +34,7 @@ class Traits:
     Attributes:
         claims: devices that it commands while it runs, such as "arm"; two such nodes cannot run at once.
         gives, needs: what its success brings or asks about, and what must be so before it: "a part in the gripper".
+        asked_again: while others command what it claims, it may be asked in every tick: it acts where it must.
         instant: it never answers RUNNING by itself, only while a child does.
         guards: its SUCCESS means that what needs a guard may go on.
         needs_guard: a tree file must let a guard be asked in every tick while this node runs.
@@ -52,6 +53,7 @@ class Traits:
     claims: tuple[str, ...] = ()
     gives: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    asked_again: bool = False
     instant: bool = False
     guards: bool = False
     needs_guard: bool = False

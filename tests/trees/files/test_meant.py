@@ -45,6 +45,11 @@ DOUBTFUL = {
         "whoever is ticked last wins; give each an entry of its own",
     ),
     '<SubTree ID="S" x="1" z="2"/>': (2, "nothing in SubTree 'S' reads 'z'; remove it"),
+    '<ReactiveSequence><ActivateGripper/><Sequence><GripperIsEmpty/>\n<MoveTo pose="park"/></Sequence>'
+    '<ForceSuccess><MoveTo pose="look"/></ForceSuccess></ReactiveSequence>': (
+        3, "MoveTo is asked again in every tick while MoveTo at m.xml:3:47 commands the arm; "
+        "put both into a Sequence, where each is asked until it is done",
+    ),
 }  # fmt: skip
 SOUND = (
     '<RetryUntilSuccessful num_attempts="-1"><AlwaysSuccess/></RetryUntilSuccessful>',
@@ -53,6 +58,8 @@ SOUND = (
     '<Parallel><Script code="a:=1"/><Script code="b:=2"/></Parallel><ScriptCondition code="a==b"/>',
     '<SubTree ID="S" x="1"/>',
     '<LookAtTray parts="{t}"/><FindPart part="o1" parts="{t}"/>',
+    '<ReactiveSequence><Fallback><GripperIsEmpty/><OpenGripper/></Fallback><GiveWay/><MoveTo pose="park"/>'
+    "</ReactiveSequence>",
 )
 
 

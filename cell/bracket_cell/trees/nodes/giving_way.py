@@ -30,7 +30,7 @@ class GiveWay(SkillNode):
     leads away from the hand; while it is at work, the motion is halted, and begins anew when the hand has left.
     """
 
-    traits = Traits(claims=("arm",), shown_as=ShownAs.GIVES_WAY)
+    traits = Traits(claims=("arm",), asked_again=True, shown_as=ShownAs.GIVES_WAY)
     persistent = ("_since_s", "_held_s", "_palm_m")
 
     after_s = InputPort(

@@ -34,7 +34,7 @@ class NamedPose(Enum):
 class ActivateGripper(CellNode):
     """Activate the gripper once, and wait until it is ready."""
 
-    traits = Traits(claims=("gripper",))
+    traits = Traits(claims=("gripper",), asked_again=True)
 
     timeout_s = InputPort(float, "longest wait for the gripper", default=6.0, least=0)
 

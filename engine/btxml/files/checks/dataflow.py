@@ -231,9 +231,9 @@ class Order:
             return (use.uid, CONDITIONS.index(use.attribute), use.turn)
         return (use.uid, 7 if use.needs or use.turn else 5, use.turn)
 
-    def holds(self, node: TreeNode, uid: int) -> bool:
-        """Whether this number is that of the node, or of one below it."""
-        return node.uid <= uid <= self._last[node.uid]
+    def within(self, node: TreeNode) -> range:
+        """The numbers of a node, and of those below it."""
+        return range(node.uid, self._last[node.uid] + 1)
 
     def comes_back(self, reader: int, writers: list[int]) -> bool:
         """Whether a node around both ticks the reader again after one of the writers."""

@@ -41,7 +41,7 @@ def check_main(library: Library, path: Path, others: Iterable[Library]) -> Itera
 
 
 def check_meant(builder: Builder, library: Library, main: str) -> Iterator[Problem]:
-    """Entries that nothing reads, two that write one at once, attributes that nothing reads, empty fingers."""
+    """Entries that nothing reads, two that write one at once, attributes that nothing reads, actions begun again."""
     by_entry: dict[int, list[Use]] = defaultdict(list)
     for use in builder.uses:
         by_entry[id(use.entry)].append(use)
@@ -51,6 +51,7 @@ def check_meant(builder: Builder, library: Library, main: str) -> Iterator[Probl
     yield from _at_once(builder, by_entry)
     yield from _unread_attributes(builder, library, order)
     yield from _needed(builder, order)
+    yield from _begun_again(builder, order)
 
 
 def _reached(library: Library) -> set[str]:
@@ -131,7 +132,7 @@ def _unread_attributes(builder: Builder, library: Library, order: Order) -> Iter
             if key in ("ID", "name") or key.startswith("_") or key in library.models.get(name, {}):
                 continue
             entry = call.inner.entry(key)
-            used = any(uid != call.uid and order.holds(node, uid) for uid in users[id(entry)])
+            used = any(uid != call.uid and uid in order.within(node) for uid in users[id(entry)])
             if not used and id(entry) not in builder.mentioned and attribute.place not in reported:
                 reported.add(attribute.place)
                 yield Problem(attribute.place, f"nothing in SubTree '{name}' reads '{key}'", "remove it")
@@ -152,6 +153,32 @@ def _needed(builder: Builder, order: Order) -> Iterator[Problem]:
                 place = builder.places[node.uid - 1][""]
                 legal = f"{' or '.join(_givers(what, registry))} does"
                 yield Problem(place, f"{node.name} needs {what}, and nothing before it sees to that", legal)
+
+
+def _begun_again(builder: Builder, order: Order) -> Iterator[Problem]:
+    """Actions that a reactive node asks again in every tick, while a younger one commands the same device."""
+    for node in (node for node in builder.nodes if node.traits.asked_before(1)):
+        waiting: list[tuple[int, TreeNode]] = []  # actions of elder children, of which nothing is told yet
+        for index, child in enumerate(node.children):
+            below = (builder.nodes[uid - 1] for uid in order.within(child)) if waiting else ()
+            claimed = {name: other for other in below for name in other.traits.claims}
+            for elder, leaf in tuple(waiting) if claimed else ():
+                both = next((name for name in leaf.traits.claims if name in claimed), None)
+                if both is not None and elder in node.traits.asked_before(index):
+                    waiting.remove((elder, leaf))
+                    where, at = (builder.places[each.uid - 1][""] for each in (leaf, claimed[both]))
+                    what = f"{leaf.name} is asked again in every tick while {claimed[both].name} at {at}"
+                    legal = "put both into a Sequence, where each is asked until it is done"
+                    yield Problem(where, f"{what} commands the {both}", legal)
+            waiting += [(index, leaf) for leaf in _done(child)]
+
+
+def _done(node: TreeNode) -> Iterator[TreeNode]:
+    """The actions that have succeeded where a node has, of those that are not to be asked again."""
+    if node.traits.claims and not node.traits.asked_again:
+        yield node
+    for child in node.children if node.traits.succeeds_after == "all" else ():
+        yield from _done(child)
 
 
 def _givers(what: str, registry: Registry) -> list[str]:

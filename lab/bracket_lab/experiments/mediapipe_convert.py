@@ -131,14 +131,28 @@ class _Conversion:
         self._same_layout(inputs[0], out)
 
     def _prelu(self, _: Any, inputs: list[int], out: int) -> None:
-        slope = self._constant(inputs[1]).reshape(-1, 1, 1)
-        self._add("PRelu", [self._value(inputs[0]), self._initialiser(slope)], self._value(out))
+        """max(x, 0) - slope * max(-x, 0): as convolutions, since ONNX Runtime leaves its layout for a PRelu."""
+        value, result = self._value(inputs[0]), self._value(out)
+        slopes = self._constant(inputs[1]).reshape(-1, 1, 1, 1)
+        self._add("Relu", [value], f"{result}_above")
+        self._scale(value, -np.ones_like(slopes), f"{result}_turned")
+        self._add("Relu", [f"{result}_turned"], f"{result}_below")
+        self._scale(f"{result}_below", -slopes, f"{result}_scaled")
+        self._add("Add", [f"{result}_scaled", f"{result}_above"], result)
         self._four.add(out)
 
+    def _scale(self, value: str, factors: NDArray[Any], result: str) -> None:
+        """Each channel by its own factor (channels, 1, 1, 1)."""
+        self._add("Conv", [value, self._initialiser(factors)], result, group=len(factors))
+
     def _pad(self, _: Any, inputs: list[int], out: int) -> None:
-        amounts = self._constant(inputs[1])[[0, 3, 1, 2]].astype(np.int64)
-        pads = self._initialiser(np.concatenate([amounts[:, 0], amounts[:, 1]]))
-        self._add("Pad", [self._value(inputs[0]), pads], self._value(out))
+        """More channels, of zeros: as a convolution, too."""
+        amounts = self._constant(inputs[1])
+        channels = int(self._graph.Tensors(inputs[0]).ShapeAsNumpy()[3])
+        if amounts[:3].any() or amounts[3, 0]:
+            raise ModelError(f"{self._name}: a PAD of more than channels is not known here; another version?")
+        same = np.eye(channels + amounts[3, 1], channels, dtype=np.float16)
+        self._add("Conv", [self._value(inputs[0]), self._initialiser(same[..., None, None])], self._value(out))
         self._four.add(out)
 
     def _resize_bilinear(self, operator: Any, inputs: list[int], out: int) -> None:

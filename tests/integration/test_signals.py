@@ -59,6 +59,18 @@ def test_an_input_follows_an_output_and_silence_is_a_fault() -> None:
     master.close()
 
 
+def test_an_input_that_the_module_does_not_tell_is_a_fault_and_not_off() -> None:
+    bus = can.Bus(interface="virtual", channel="one byte")
+    master = CanSignals(SignalSettings(channel="one byte", inputs={"near": 3, "far": 8}), ManualClock())
+    bus.send(can.Message(arbitration_id=0x1A0, data=b"\x08\x00", is_extended_id=False))
+    assert master.read() == {"near": True, "far": False}
+    bus.send(can.Message(arbitration_id=0x1A0, data=b"\x08", is_extended_id=False))
+    with pytest.raises(DeviceFault, match="the module tells 8 inputs; far is bit 8"):
+        master.read()
+    bus.shutdown()
+    master.close()
+
+
 def test_a_bus_that_is_never_empty_is_a_fault_and_no_endless_tick() -> None:
     """A node that babbles faster than frames are read."""
     left = [0]

@@ -82,7 +82,8 @@ class Call:
             _mine.call = self
             self._answer = Answer(as_text(self._ask(self._question)))
         except Exception as error:  # a library may raise anything; the leaf fails with it
-            self._answer = Answer(error=f"{type(error).__name__}: {error}"[:LENGTH_LIMIT])
+            kind = "" if isinstance(error, NodeError) else f"{type(error).__name__}: "
+            self._answer = Answer(error=f"{kind}{error}"[:LENGTH_LIMIT])
         finally:
             self._free.release()
 

@@ -114,6 +114,14 @@ def test_a_recipe_is_a_number() -> None:
     assert [(order.kind, order.value) for order in rig.ordered] == [("goal", "g0"), ("goal", "g1"), ("goal", "g2")]
 
 
+def test_a_recipe_of_which_a_digit_is_not_known_is_no_number() -> None:
+    rig = Rig()
+    rig.tick(r1=True)
+    assert not rig.ordered
+    rig.tick(r1=True, r2=True)
+    assert [order.value for order in rig.ordered] == ["g2"]
+
+
 def cell(folder: Path, bits: dict[str, Any], signals: dict[str, Any] | None) -> Path:
     data = yaml.safe_load(DEFAULT_CONFIGURATION.read_text())
     data |= {"product": str(DEFAULT_CONFIGURATION.with_name("products.yaml")), "plant": {"bits": bits}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import socket
 import threading
@@ -141,3 +142,23 @@ def test_a_dashboard_that_hangs_up_at_once_leaves_no_connection(monkeypatch: pyt
             with pytest.raises(DeviceFault, match="hung up"):
                 ur_dashboard.Dashboard("127.0.0.1")
             gc.collect()
+
+
+@pytest.mark.parametrize("sends", ["a drop at a time", "all at once"])
+def test_another_server_whose_line_does_not_end_is_told_in_time(monkeypatch: pytest.MonkeyPatch, sends: str) -> None:
+    host = own_host(64)
+    monkeypatch.setattr(ur_dashboard, "ANSWER_S", 0.4)
+
+    def serve(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        with connection, contextlib.suppress(OSError):
+            for _ in range(60):
+                connection.sendall(b"x" if "drop" in sends else b"x" * 1000)
+                time.sleep(0.1 if "drop" in sends else 0.0)
+
+    with socket.create_server((host, ur_dashboard.PORT)) as server:
+        threading.Thread(target=serve, args=(server,), daemon=True).start()
+        begun_s = time.monotonic()
+        with pytest.raises(DeviceFault, match=f"the dashboard at {host} does not"):
+            ur_dashboard.Dashboard(host)
+    assert time.monotonic() - begun_s < 3.0, "it would have waited as long as something came"

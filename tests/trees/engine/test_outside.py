@@ -22,6 +22,9 @@ from tests.trees.conftest import Load
 from tests.trees.engine.test_py_trees import Kept
 
 PATIENCE_S = 20.0
+PORTS = ("y", -1, 99999)
+NO_ADDRESS = ("", "ftp://a/", "http://[::1/", "http:///x", "http://a b/", *(f"http://x:{port}/" for port in PORTS))
+LONG = f"http://{'a' * 70}.com/"
 
 
 class Doubles(Outside):
@@ -197,17 +200,24 @@ def test_a_server_is_asked(load: Load, warehouse: str) -> None:
     tree = load(f'<HttpRequest url="{warehouse}/nowhere" {ports}/>', HttpRequest)
     assert until(tree) is Status.FAILURE
     assert tree.blackboard.values()["why"] == "the server answered with status 404"
-    assert Warehouse.booked == [b"o1", b"o1"]
+    tree = load(f'<HttpRequest url="{warehouse}/zwölf Stück?x=ö" {ports}/>', HttpRequest)
+    assert until(tree) is Status.FAILURE
+    assert tree.blackboard.values()["why"] == "the server answered with status 404"
+    assert Warehouse.booked == [b"o1", b"o1", b"o1"]
 
 
 @pytest.mark.parametrize(
     ("url", "why"),
-    [("http://127.0.0.1:9/", "Refused"), ("ftp://a/", "legal: http:// and https://"), ("http://x:y/", "port")],
+    [
+        ("http://127.0.0.1:9/", "http://127.0.0.1:9/: Connection refused"),
+        *((url, f"'{url}' is no address; legal: http:// or https://, a host, :port, /path") for url in NO_ADDRESS),
+        (LONG, f"{LONG} names no host that there can be"),
+    ],
 )
 def test_a_server_that_is_not_there_is_a_failure(load: Load, url: str, why: str) -> None:
     tree = load(f'<HttpRequest url="{url}"/>', HttpRequest)
     assert until(tree) is Status.FAILURE
-    assert why in tree.nodes[0].feedback_message
+    assert tree.nodes[0].feedback_message == why
 
 
 @pytest.mark.parametrize("replays", [2, pytest.param(10, marks=pytest.mark.slow)])

@@ -26,7 +26,7 @@ class CanSignals:
     def __init__(self, settings: SignalSettings, clock: Clock, bus: can.BusABC | None = None) -> None:
         self._bus = bus or open_bus(settings.interface, settings.channel, settings.bitrate, role="signals")
         self._clock, self._settings = clock, settings
-        self._bits = 0
+        self._told = b""  # the inputs
         self._outputs = dict.fromkeys(settings.outputs, False)
         self._told_s: float | None = None
         self._opened_s = clock.now_s()
@@ -36,15 +36,17 @@ class CanSignals:
         """All inputs as last told, and all outputs as last set; inputs are left out before the first word of them.
 
         Raises:
-            DeviceFault: the module is silent, or the bus cannot be read.
+            DeviceFault: the module is silent or does not tell all inputs, or the bus cannot be read.
         """
         self._drain()
         since_s = self._opened_s if self._told_s is None else self._told_s
         silent_s = self._clock.now_s() - since_s
         if silent_s > self._settings.timeout_s:
             raise DeviceFault("signals", f"no word of the inputs for {silent_s:.2f} s")
-        bits = {} if self._told_s is None else self._settings.inputs
-        return {name: bool(self._bits >> bit & 1) for name, bit in bits.items()} | self._outputs
+        bits, told = {} if self._told_s is None else self._settings.inputs, self._told
+        if missing := next((name for name, bit in bits.items() if bit >= 8 * len(told)), None):
+            raise DeviceFault("signals", f"the module tells {8 * len(told)} inputs; {missing} is bit {bits[missing]}")
+        return {name: bool(told[bit // 8] >> bit % 8 & 1) for name, bit in bits.items()} | self._outputs
 
     def write(self, name: str, value: bool) -> None:
         """Set an output.
@@ -69,8 +71,7 @@ class CanSignals:
                     return
                 odd = message.is_error_frame or message.is_remote_frame or message.is_extended_id
                 if message.arbitration_id == INPUTS + self._settings.node_id and not odd and message.data:
-                    self._bits = int.from_bytes(message.data, "little")
-                    self._told_s = self._clock.now_s()
+                    self._told, self._told_s = bytes(message.data), self._clock.now_s()
         except (can.CanError, OSError) as error:
             raise DeviceFault("signals", f"reading the CAN bus failed: {words_of(error)}") from error
         raise DeviceFault("signals", f"more than {FRAMES_A_TICK} frames wait: how old the inputs are, nobody knows")

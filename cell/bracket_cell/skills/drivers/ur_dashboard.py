@@ -13,7 +13,8 @@ from typing import Self
 from bracket_ground.errors import DeviceFault, words_of
 
 PORT = 29999
-ANSWER_S = 2.0
+ANSWER_S, LEAST_S = 2.0, 0.001
+LONGEST = 4096  # bytes of a line
 REFUSALS = ("could not understand", "not allowed", "failed to execute")
 
 
@@ -25,12 +26,11 @@ class Dashboard:
     """
 
     def __init__(self, host: str, slower: float = 1.0) -> None:
-        self._host = host
+        self._host, self._limit_s, self._came = host, ANSWER_S * slower, b""
         try:
-            self._socket = socket.create_connection((host, PORT), ANSWER_S * slower)
+            self._socket = socket.create_connection((host, PORT), self._limit_s)
         except OSError as error:
             raise DeviceFault("arm", f"no dashboard at {host}:{PORT}: {words_of(error)}") from None
-        self._lines = self._socket.makefile("r", encoding="utf-8", errors="replace")
         try:
             self._line()
         except DeviceFault:
@@ -44,7 +44,6 @@ class Dashboard:
         self._close()
 
     def _close(self) -> None:
-        self._lines.close()
         self._socket.close()
 
     def ask(self, line: str) -> str:
@@ -62,13 +61,21 @@ class Dashboard:
             raise DeviceFault("arm", f"the dashboard answers to {line!r}: {answer}")
 
     def _line(self) -> str:
-        try:
-            line = self._lines.readline()
-        except OSError as error:
-            raise DeviceFault("arm", f"the dashboard at {self._host} does not answer: {words_of(error)}") from None
-        if not line:
-            raise DeviceFault("arm", f"the dashboard at {self._host} hung up")
-        return line.strip()
+        """The next line, within the limits of time and length."""
+        until_s = time.monotonic() + self._limit_s
+        while b"\n" not in self._came:
+            try:
+                self._socket.settimeout(max(LEAST_S, until_s - time.monotonic()))
+                part = self._socket.recv(LONGEST)
+            except OSError as error:
+                raise DeviceFault("arm", f"the dashboard at {self._host} does not answer: {words_of(error)}") from None
+            if not part:
+                raise DeviceFault("arm", f"the dashboard at {self._host} hung up")
+            self._came += part
+            if len(self._came) > LONGEST or time.monotonic() > until_s:
+                raise DeviceFault("arm", f"the dashboard at {self._host} does not end a line; is it another server?")
+        line, _, self._came = self._came.partition(b"\n")
+        return line.decode(errors="replace").strip()
 
     @property
     def local(self) -> bool:

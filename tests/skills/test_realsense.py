@@ -247,3 +247,24 @@ def test_whatever_it_raises_while_it_is_opened_is_a_fault(driver: Any, monkeypat
     monkeypatch.setattr(driver.pyrealsense2, "context", nothing)
     with pytest.raises(DeviceFault, match="camera overhead: cannot be opened"):
         driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(641, 480, False), "overhead")
+
+
+def test_a_camera_that_was_started_is_stopped_where_it_tells_no_lens(
+    driver: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped: list[Pipeline] = []
+
+    def began(self: Pipeline, config: Config) -> Made:
+        def missing() -> None:
+            raise RuntimeError("the device was unplugged")
+
+        started = usual(self, config)
+        started.get_stream = lambda _: missing()  # type: ignore[attr-defined]
+        return started
+
+    usual = Pipeline.start
+    monkeypatch.setattr(Pipeline, "start", began)
+    monkeypatch.setattr(Pipeline, "stop", lambda self: stopped.append(self))
+    with pytest.raises(DeviceFault, match="cannot be opened"):
+        driver.RealsenseCamera(RealsenseSettings(), WallClock(), bench_of(640, 480, False), "overhead")
+    assert len(stopped) == 1, "nobody else could have opened it any more"

@@ -47,11 +47,11 @@ class _Pipeline:
         self._align = pyrealsense2.align(stream.color) if setup.depth else None
         try:
             profile = self._pipeline.start(config)
-            device, video = profile.get_device(), profile.get_stream(stream.color).as_video_stream_profile()
-            self.lens = _lens(video.get_intrinsics())
         except RuntimeError as error:
             raise OSError(f"RealSense: {error}{_legal(mode, setup.depth)}") from error
         try:
+            device, video = profile.get_device(), profile.get_stream(stream.color).as_video_stream_profile()
+            self.lens = _lens(video.get_intrinsics())
             self._mm = 1e3 * device.first_depth_sensor().get_depth_scale() if setup.depth else 0.0
             sensor, option = device.first_color_sensor(), pyrealsense2.option
             sensor.set_option(option.enable_auto_exposure, 0.0)

@@ -23,6 +23,7 @@ from bracket_ground.errors import InputError, mistakes
 POLL_S = 0.2  # between two looks at the run: breakpoints rest after 5 s without one
 END_S = 10.0  # a run stops the arm before it ends
 TRIES = 20
+MOST_BYTES = 1_000_000  # of a request
 REAL_TIME = ("--real-time",)
 CAPABILITIES = {
     "supportsConfigurationDoneRequest": True,
@@ -91,7 +92,7 @@ class Adapter:
         fields: Body = {"type": "response", "request_seq": request["seq"], "command": command, "success": True}
         try:
             fields["body"] = self._does(command)(asked)
-        except (InputError, KeyError, TypeError, IndexError) as error:
+        except (InputError, LookupError, TypeError, ValueError, AttributeError) as error:
             fields |= {"success": False, "message": f"{command}: {mistakes(error)[0]}"}
         self._write(fields)
         if command in ("launch", "attach") and fields["success"]:
@@ -192,18 +193,29 @@ class Adapter:
 
 
 def _messages(source: FileIO) -> Iterator[Mapping[str, Any]]:
-    """What an editor sends: a header with the length, an empty line, JSON."""
+    """What an editor sends: a header with the length, an empty line, JSON; raises ValueError for anything else."""
     length = 0
-    while line := source.readline():
+    while line := source.readline(MOST_BYTES):
         name, _, value = line.partition(b":")
         if name.lower() == b"content-length":
-            length = int(value)
+            if not 0 < (length := int(value)) <= MOST_BYTES:
+                raise ValueError(f"it has {length} bytes; legal: 1 to {MOST_BYTES}")
         elif not line.strip() and length:
             body = b""
             while len(body) < length and (piece := source.read(length - len(body))):
                 body += piece
-            yield json.loads(body)
+            yield _request(body)
             length = 0
+
+
+def _request(body: bytes) -> Mapping[str, Any]:
+    try:
+        request = json.loads(body)
+    except RecursionError:
+        request = None
+    if not isinstance(request, dict) or not {"command", "seq"} <= request.keys():
+        raise ValueError("it is no request with a command and a seq")
+    return request
 
 
 def _free_port() -> int:

@@ -7,8 +7,9 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO, FileIO
+from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
@@ -127,14 +128,26 @@ def adapted() -> Iterator[Editor]:
                 listener.join(LONG_S)
 
 
-@pytest.mark.parametrize("said", [b"Content-Length: 3\r\n\r\n{x}", b"Content-Length: much\r\n\r\n", b"\xff\n"])
+def framed(body: bytes, length: int | None = None) -> bytes:
+    return b"Content-Length: %d\r\n\r\n%b" % (len(body) if length is None else length, body)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        framed(b"{x}"), b"Content-Length: much\r\n\r\n", b"\xff\n", framed(b"{}", -5), framed(b"{}", 10**14),
+        framed(b"{}", 10**23), framed(b"[" * 200_000), framed(b"[1]"), framed(b"7"), framed(b"null"), framed(b"{}"),
+        framed(b"\xff{}"), b"x" * 3_000_000,
+    ],
+    ids=lambda said: repr(said[:45]),
+)  # fmt: skip
 def test_an_editor_that_says_something_else_is_left(said: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     asks_end, asks = os.pipe()
     with FileIO(asks_end) as heard, BytesIO() as told, os.fdopen(asks, "wb") as sink:
-        sink.write(said)
-        sink.close()
         thread = threading.Thread(target=Adapter(heard, told).serve)
         thread.start()
+        sink.write(said)
+        sink.close()
         thread.join(LONG_S)
         assert not thread.is_alive()
     assert "Traceback" not in capsys.readouterr().err
@@ -258,6 +271,25 @@ def test_who_leaves_lets_the_run_go_on(port: int, tree: Path) -> None:
 def test_a_request_that_makes_no_sense_is_refused_with_words(command: str, words: str) -> None:
     with adapted() as editor, pytest.raises(LookupError, match=words):
         editor.ask(command, port=[])
+
+
+ODD: tuple[Any, ...] = (None, 7, -1, "x", [], {}, [None], {"path": 5}, {"path": "/nowhere"}, [{"line": "x"}], 1e99)
+
+
+@pytest.mark.parametrize(
+    ("command", "keys"),
+    [
+        ("setBreakpoints", ("source", "breakpoints")), ("threads", ()), ("stackTrace", ("threadId", "startFrame")),
+        ("scopes", ("frameId",)), ("variables", ("variablesReference",)), ("evaluate", ("expression", "frameId")),
+        ("pause", ("threadId",)), ("continue", ("threadId",)), ("next", ("threadId",)), ("stepIn", ("threadId",)),
+    ],
+)  # fmt: skip
+def test_odd_arguments_are_answered(port: int, tree: Path, command: str, keys: tuple[str, ...]) -> None:
+    with adapted() as editor:
+        begun(editor, port, tree, SCRIPT)
+        for values in product(ODD, repeat=len(keys)):
+            with suppress(LookupError):
+                editor.ask(command, **dict(zip(keys, values, strict=True)))
 
 
 @pytest.mark.slow

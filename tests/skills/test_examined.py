@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -152,6 +153,27 @@ Gripper = tuple[IdealFingers, ModbusTwin, Registers, AnsweredClock]
 def of_gripper(gripper: Gripper, **more: Any) -> list[str]:
     settings = RobotiqModbusSettings(**{"port": gripper[1].banner.split()[-1], **more})
     return [check.remedy for check in robotiq.examine(settings) if check.remedy]
+
+
+def test_what_answers_as_no_gripper_does_is_not_called_closed() -> None:
+    """Else a person looks for the URCap, which is there or not."""
+    host = own_host(73)
+
+    def serve(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        with connection:
+            connection.recv(100)
+            connection.sendall(b"POS 300\n")
+            connection.recv(100)
+
+    with socket.create_server((host, 0)) as server:
+        thread = threading.Thread(target=serve, args=(server,), daemon=True)
+        thread.start()
+        settings = RobotiqUrcapSettings(host=host, port=server.getsockname()[1])
+        [check] = robotiq.examine(settings)
+        thread.join(5)
+    said = r"'GET ACT' is answered with b'POS 300\n'"
+    assert check.remedy == f"{said}: no such gripper answers; see `devices.gripper`"
 
 
 def closed(gripper: Gripper) -> None:

@@ -409,14 +409,19 @@ def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[
     where = settings.port if isinstance(settings, RobotiqModbusSettings) else f"{settings.host}:{settings.port}"
     what = f"gripper at {where}"
     try:
-        status = _looked(settings)
-    except TimeoutError:
-        yield DeviceCheck(what, "it does not answer: 24 V, baud and node_id, A and B, and no other program at the port")
-        return
+        wire = _opened(settings)
     except OSError as error:
         adapter = "names of adapters: ls /dev/serial/by-id; the user must be in the group dialout"
         urcap = "install the gripper's URCap on the controller, and switch its network service on"
         yield DeviceCheck(what, f"cannot be opened: {words_of(error)}; {adapter if serial else urcap}")
+        return
+    try:
+        status = _looked(wire)
+    except TimeoutError:
+        yield DeviceCheck(what, "it does not answer: 24 V, baud and node_id, A and B, and no other program at the port")
+        return
+    except OSError as error:
+        yield DeviceCheck(what, f"{words_of(error)}: no such gripper answers; see `devices.gripper`")
         return
     if status.fault >= MAJOR_FAULT and status.fault != NO_COMMUNICATION:
         yield DeviceCheck(what, f"fault 0x{status.fault:02X}, {FAULTS[status.fault]}: switch it off and on")
@@ -428,13 +433,15 @@ def examine(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Iterator[
         yield DeviceCheck(f"gripper: its adapter waits {ms} ms", f"echo 1 | sudo tee {timer}")
 
 
-def _looked(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Status:
-    """The status, without a command; raises OSError."""
-    wire: Wire
+def _opened(settings: RobotiqModbusSettings | RobotiqUrcapSettings) -> Wire:
+    """The wire; raises OSError."""
     if isinstance(settings, RobotiqModbusSettings):
-        wire = ModbusWire(settings.port, settings.baud, settings.node_id)
-    else:
-        wire = UrcapWire(settings.host, settings.port)
+        return ModbusWire(settings.port, settings.baud, settings.node_id)
+    return UrcapWire(settings.host, settings.port)
+
+
+def _looked(wire: Wire) -> Status:
+    """The status, without a command; lets go of the wire, and raises OSError."""
     try:
         for _ in range(FAILURES):
             with suppress(TimeoutError):

@@ -18,6 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # ONNX Runtime reads it when it is imported, and reports its use without
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**28))  # OpenCV likewise: 1 MB of PNG would take 9 GB
 
 if TYPE_CHECKING:
     from bracket_cell.front_door import load_cell, replay, run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import cv2
@@ -102,10 +103,10 @@ def _image(came: Any) -> Image:
 
 def _decoded(came: Any) -> Image:
     """A sensor_msgs/CompressedImage in RGB."""
-    image = cv2.imdecode(np.frombuffer(bytes(came.data), np.uint8), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise OSError("a compressed image cannot be decoded")
-    return np.asarray(image, np.uint8)
+    with suppress(cv2.error):  # it is empty, or says that it is enormous
+        if (image := cv2.imdecode(np.frombuffer(bytes(came.data), np.uint8), cv2.IMREAD_COLOR_RGB)) is not None:
+            return np.asarray(image, np.uint8)
+    raise OSError("a compressed image cannot be decoded")
 
 
 def _millimetres(came: Any) -> NDArray[np.uint16]:

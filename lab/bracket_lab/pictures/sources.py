@@ -137,7 +137,7 @@ def _pictures(files: list[Path], camera: str, pose: Pose) -> Iterator[Frame]:
 def _moving_picture(path: Path, camera: str, pose: Pose) -> Source:
     there, moving = cv2.imreadanimation(str(path))
     if not there:
-        raise InputError(f"{path}: cannot be read as a moving image: damaged")
+        raise InputError(f"{path}: cannot be read as a moving image: damaged, or too large")
     starts_s = np.cumsum([0, *np.maximum(moving.durations, 10)]) / 1e3  # some tell none: browsers wait, too
     frames = (_frame(camera, n, float(starts_s[n]), image[..., :3], pose) for n, image in enumerate(moving.frames))
     return Source(path.stem, False, True, len(moving.frames) / float(starts_s[-1]), frames)

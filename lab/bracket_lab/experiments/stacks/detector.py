@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -19,7 +18,8 @@ from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
 from torchvision.ops import MultiScaleRoIAlign
 
-from bracket_ground.errors import InputError, ModelError, Place, Problem
+from bracket_cell.learned.records import read_image
+from bracket_ground.errors import ModelError
 from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.stacks import StackedScene
@@ -75,19 +75,6 @@ def detector(settings: StackTraining) -> FasterRCNN:
         image_std=(SPREAD,) * 3,
         **options,
     )
-
-
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """A picture (height, width, 3), RGB.
-
-    Raises:
-        InputError: it cannot be read as one.
-    """
-    image = cv2.imread(str(path))
-    if image is None:
-        raise InputError(Problem(Place(path), "cannot be read as a picture", "a JPEG file is wanted"))
-    rgb: NDArray[np.uint8] = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
-    return rgb
 
 
 def train_detector(

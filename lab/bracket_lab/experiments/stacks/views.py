@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
+from bracket_cell.learned.records import read_image
 from bracket_ground.files.files import write_whole
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.stacks import StackedScene
 from bracket_lab.experiments.stacks.checks import above_of
-from bracket_lab.experiments.stacks.detector import Regions, boxes_of, mirrored_boxes, read_image
+from bracket_lab.experiments.stacks.detector import Regions, boxes_of, mirrored_boxes
 
 MOST = 8  # objects of a view
 Features = NDArray[np.float16]

@@ -51,8 +51,9 @@ from bracket_ground.files.model import Location
 from bracket_ground.files.yaml_file import has_key, load_yaml, read_data, write_values
 from bracket_ground.interfaces.bench import Calibration
 from bracket_ground.interfaces.product import Product
-from bracket_ground.interfaces.robot import DEFAULT, FOLDER, shipped_robots
+from bracket_ground.interfaces.robot import DEFAULT, FOLDER, RobotModel, shipped_robots
 
+unrested = partial(load_configuration, rested=False)
 PERSON = "absent"  # in a simulation; at a real bench, whoever types this sees to it
 
 
@@ -104,7 +105,7 @@ def calibrate(
         say("nothing was written")
         return 1
     if delays_s:
-        write_values(config, {("devices", role, "delay_s"): delay_s for role, delay_s in delays_s.items()})
+        write_values(config, {("devices", role, "delay_s"): delay_s for role, delay_s in delays_s.items()}, unrested)
     _write(found.model_copy(update={"wrist": wrist}) if overhead_only else found, path)
     say(f"{path}: to use it, in {config}: calibration: {told_in(config, path)}", highlight=False)
     return 0
@@ -168,8 +169,7 @@ def teach(
             wait_for_enter(prompt)
             joints.append(np.array(joints_now()))
     values, message = teaching.values(joints)
-    write_values(config, values)
-    load_configuration(config, rested=False)  # what it says now is legal
+    write_values(config, values, unrested)
     console().print(f"{config}: {message}", highlight=False)
     return 0
 
@@ -247,7 +247,7 @@ def _teach_gripper(configuration: Configuration, product: Product, config: Path)
         ("devices", GRIPPER, "open_count"): first,
         ("devices", GRIPPER, "closed_count"): last,
     }
-    write_values(config, ends)
+    write_values(config, ends, unrested)
     console().print(f"{config}: the fingers end at {first} and {last}", highlight=False)
     return 0
 
@@ -262,7 +262,7 @@ def _teach_stop(configuration: Configuration, product: Product, config: Path) ->
     data = found.model_dump(mode="json")
     has_motion = has_key(config, "motion")
     values: dict[Location, object] = {("motion", "stopping"): data} if has_motion else {("motion",): {"stopping": data}}
-    write_values(config, values)
+    write_values(config, values, unrested)
     taught = load_configuration(config)
     worse = weaknesses(taught, load_faults(taught))
     for line in worse:
@@ -283,8 +283,7 @@ def _teach_obstacles(configuration: Configuration, config: Path) -> int:
     names = {obstacle.name for obstacle in found}
     every = [*(obstacle for obstacle in configuration.bench.obstacles if obstacle.name not in names), *found]
     rows = [obstacle.model_dump(mode="json", exclude_defaults=True) for obstacle in every]
-    write_values(config, {("bench", OBSTACLES): rows})
-    load_configuration(config)
+    write_values(config, {("bench", OBSTACLES): rows}, load_configuration)
     console().print(f"{config}: {counted(len(found), 'obstacle')} of the planning scene; `cell doctor` looks at them")
     return 1 if left_out else 0
 
@@ -300,8 +299,8 @@ def _teach_robot(configuration: Configuration, config: Path) -> int:
         if path.exists():
             raise InputError(f"{path} is there already: write robot: {path.name} into {config}, then teach it again")
         path.write_text((FOLDER / f"{named}.yaml").read_text())
-        write_values(config, {(ROBOT,): path.name})
-    write_values(path, {("calibration",): own.model_dump(mode="json")})
+        write_values(config, {(ROBOT,): path.name}, unrested)
+    write_values(path, {("calibration",): own.model_dump(mode="json")}, partial(load_yaml, model=RobotModel))
     taught, here = load_configuration(config), np.array(configuration.bench.arm_look_rad)
     before, after = (Kinematics(cell.motion).position_m(here) for cell in (configuration, taught))
     off_mm = 1e3 * float(np.linalg.norm(after - before))

@@ -55,7 +55,7 @@ def part(
     from bracket_cell.skills.motion.mesh_part import MILLIMETRES, convex_pieces, read_part, stances
     from bracket_cell.skills.motion.settings import MotionSettings
     from bracket_cell.viewing.part_picture import described, part_picture
-    from bracket_ground.interfaces.meshes import Mesh
+    from bracket_ground.interfaces.meshes import LEAST_DEPTH, MOST_MESH_M, Mesh
 
     name = file.stem
     stl_file, png_file = (product.parent / f"{name}.part.{kind}" for kind in ("stl", "png"))
@@ -65,22 +65,30 @@ def part(
     read, unit_m = read_part(file)
     scale = scale or unit_m or (MILLIMETRES if float(np.ptp(read.points_m, axis=0).max()) > LARGEST_M else 1.0)
     mesh = Mesh(read.points_m * scale, read.triangles)
+    if (size_m := float(np.ptp(mesh.points_m, axis=0).max())) > MOST_MESH_M:
+        raise InputError(f"{file} is {size_m:.3g} m long with --scale {scale:g}; legal is at most {MOST_MESH_M:g} m")
     pieces = convex_pieces(mesh)
+    if not pieces:
+        raise InputError(f"{file}: nothing of it is as thick as {LEAST_DEPTH:g} m with --scale {scale:g}")
     found = stances(mesh, pieces, MotionSettings())
     if not found:
         raise InputError(f"{file}: the part has no face on which it would stand")
     if stance > len(found):
         raise InputError(f"--stance {stance}: there are {len(found)}")
     chosen = found[stance - 1]
-    mass = mass_kg or round(DENSITY_KG_M3 * sum(piece.volume_m3 for piece in pieces), 3)
-    write_whole(stl_file, stl(chosen.hulls_m))
-    write_whole(png_file, to_png(part_picture(name, found)))
+    mass = mass_kg or float(f"{DENSITY_KG_M3 * sum(piece.volume_m3 for piece in pieces):.3g}")
     shape: dict[str, Any] = {"mesh": stl_file.name, "size_m": [round(extent, 5) for extent in chosen.size_m]}
     shape |= {"mass_kg": mass_kg} if mass_kg else {}
     entry = {"title": name, "quantity": 0, "colour_rgb": [0.75, 0.45, 0.05], "mass_kg": mass} | shape
     inner: dict[Location, object] = {("parts", name, key): value for key, value in shape.items()}
-    write_values(product, inner if known else {("parts", name): entry})
-    load_yaml(product, Product)
+    before = stl_file.read_bytes() if stl_file.exists() else None
+    write_whole(stl_file, stl(chosen.hulls_m))  # which the product file names
+    try:
+        write_values(product, inner if known else {("parts", name): entry}, partial(load_yaml, model=Product))
+    except InputError:
+        stl_file.unlink() if before is None else write_whole(stl_file, before)
+        raise
+    write_whole(png_file, to_png(part_picture(name, found)))
     sys.stdout.writelines(
         f"{'*' if number == stance else ' '} {number}  {'; '.join(described(pose))}\n"
         for number, pose in enumerate(found, start=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -69,14 +69,17 @@ def read_data(path: Path, text: str) -> Any:
     return data
 
 
-def write_values(path: Path, values: Mapping[Location, object]) -> None:
+def write_values(
+    path: Path, values: Mapping[Location, object], legal: Callable[[Path], object] = lambda _: None
+) -> None:
     """Put values into a YAML file; all that stands beside them stays as it is, comments among it.
 
     Args:
         values: by their location. A key that is not there is added to the keys around it, which must be there.
+        legal: reads a file, and raises InputError where it cannot be used; then the old one stays.
 
     Raises:
-        InputError: the file cannot be read or written, or there is no such place in it.
+        InputError: the file cannot be read or written, there is no such place in it, or it would not be legal.
     """
     text = read_text(path)
     for location, value in values.items():
@@ -85,6 +88,10 @@ def write_values(path: Path, values: Mapping[Location, object]) -> None:
     try:
         with whole_or_none(path) as partial:
             partial.write_text(text, encoding="utf-8")
+            legal(partial)
+    except InputError as error:
+        wrong = "; ".join(str(getattr(problem, "what", problem)) for problem in error.problems)
+        raise InputError(f"{path} stays as it was: with what was to be written it is not legal: {wrong}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 MESHES = (".stl", ".obj")
 MOST_MESH_M = 2.0
+FARTHEST, LEAST_DEPTH = 1e6, 1e-4  # of a corner, and of what has a volume, in units of the file
 SAME_M = 1e-6  # corners of triangles that are nearer to each other are one point
 
 Triangles = NDArray[np.int64]
@@ -124,12 +125,19 @@ def loaded(path: Path) -> Mesh:
     try:
         read = coal.MeshLoader().load(str(path), np.ones(3))
     except (ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} cannot be read as a mesh: {error}") from error
+        raise ValueError(f"{path} cannot be read as a mesh: damaged, empty, or of another kind") from error
     points = np.array(read.vertices(), dtype=np.float64)
     triangles = np.array([[*map(int, (t[0], t[1], t[2]))] for t in map(read.tri_indices, range(read.num_tris))])
-    if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-4) < 3:
+    if not (np.abs(points) <= FARTHEST).all():
+        raise ValueError(f"{path} has corners that are farther away than {FARTHEST:g}, or nowhere")
+    if not spans_volume(points):
         raise ValueError(f"{path} has {len(points)} corners, and they span no volume")
     return _tidy(points, triangles)
+
+
+def spans_volume(points: Array) -> bool:
+    """Whether points (n, 3) are neither too few nor in one plane."""
+    return len(points) >= 4 and int(np.linalg.matrix_rank(points - points[0], tol=LEAST_DEPTH)) == 3
 
 
 def hull_of(points_m: Array) -> Mesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from bracket_cell.commands.main import main
 from bracket_cell.commands.new import stl
 from bracket_cell.skills.motion.mesh_part import convex_pieces, stances
 from bracket_cell.skills.motion.settings import MotionSettings
+from bracket_ground.errors import InputError
 from bracket_ground.files.yaml_file import load_yaml
 from bracket_ground.interfaces.grip import Grip
 from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
@@ -146,3 +148,68 @@ def test_pieces_that_touch_stay_pieces(tmp_path: Path) -> None:
     file = tmp_path / "two.stl"
     file.write_bytes(stl((box((0.02, 0.03, 0.04)), box((0.02, 0.03, 0.04), (0.02, 0.0, 0.0)))))
     assert len(loaded(file).pieces) == 2
+
+
+def written(path: Path, corners: Array) -> Path:
+    """Triangles (n, 3, 3) as a binary STL file."""
+    rows = np.zeros(len(corners), dtype=[("f", "<f4", (4, 3)), ("n", "<u2")])
+    rows["f"][:, 1:] = corners
+    path.write_bytes(b"".ljust(80) + len(rows).to_bytes(4, "little") + rows.tobytes())
+    return path
+
+
+BLOCK, BEAD = (hull_of(box(size)).corners_m for size in ((40.0, 30.0, 20.0), (6.0, 5.0, 5.0)))
+
+
+def test_a_stray_triangle_is_no_piece(product: Path) -> None:
+    stray = np.array([[[90.0, 0, 0], [91.0, 0, 0], [90.0, 1, 0]]])
+    file = written(product.parent / "block.stl", np.concatenate([BLOCK, stray]))
+    assert main(["new", "part", str(file), "--product", str(product)]) == 0
+    assert len(convex_pieces(loaded(file))) == 1
+    assert sorted(load_yaml(product, Product).parts["block"].size_m) == pytest.approx([0.02, 0.03, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("factor", "options", "words"),
+    [
+        (1e30, (), "corners that are farther away than 1e\\+06"),
+        (np.nan, (), "corners that are farther away than 1e\\+06, or nowhere"),
+        (1.0, ("--scale", "1"), "is 40 m long with --scale 1; legal is at most 2 m"),
+        (1.0, ("--scale", "1e-6"), "nothing of it is as thick as 0.0001 m with --scale 1e-06"),
+    ],
+)
+def test_sizes_that_no_part_has_are_refused(
+    product: Path, capfd: pytest.CaptureFixture[str], factor: float, options: tuple[str, ...], words: str
+) -> None:
+    file, before = (
+        written(product.parent / "block.stl", factor * BLOCK),
+        product.read_text(),
+    )
+    assert main(["new", "part", str(file), "--product", str(product), *options]) == 2
+    assert re.search(words, capfd.readouterr().err)
+    assert product.read_text() == before
+
+
+def test_a_part_of_less_than_half_a_gram_has_a_mass(product: Path) -> None:
+    file = written(product.parent / "bead.stl", BEAD)
+    assert main(["new", "part", str(file), "--product", str(product)]) == 0
+    assert load_yaml(product, Product).parts["bead"].mass_kg == pytest.approx(2700 * 150e-9, rel=0.01)
+
+
+def test_a_shape_that_makes_no_legal_product_is_taken_back(
+    product: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(product.parent / "block.stl", BLOCK)
+    assert main(["new", "part", str(file), "--product", str(product)]) == 0
+    before = {path.name: path.read_bytes() for path in product.parent.iterdir()}
+
+    def refuse(path: Path, model: type[Product]) -> Product:
+        if "partial" in path.name:
+            raise InputError("parts.block: no legal product")
+        return usual(path, model)
+
+    usual = load_yaml
+    monkeypatch.setattr("bracket_cell.commands.new.load_yaml", refuse)
+    assert main(["new", "part", str(file), "--product", str(product), "--stance", "2"]) == 2
+    assert "stays as it was: with what was to be written it is not legal: parts.block" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in product.parent.iterdir()} == before

@@ -1,12 +1,14 @@
 """Values are put into YAML files that people edit."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 import yaml
 
 from bracket_ground.errors import InputError
-from bracket_ground.files.yaml_file import write_values
+from bracket_ground.files.model import Model
+from bracket_ground.files.yaml_file import load_yaml, write_values
 
 
 def test_values_are_put_in_and_all_else_stays(tmp_path: Path) -> None:
@@ -31,3 +33,18 @@ def test_a_list_whose_dashes_stand_under_its_key_is_replaced(tmp_path: Path) -> 
     write_values(path, {("bench", "obstacles"): [{"name": "c"}], ("more",): [3]})
     assert yaml.safe_load(path.read_text()) == {"bench": {"obstacles": [{"name": "c"}], "tray": 1}, "more": [3]}
     assert "# kept" in path.read_text()
+
+
+def test_what_would_not_be_legal_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "grip.yaml"
+    path.write_text("width_px: 480\nheight_px: 360\n")
+    before = path.read_bytes()
+
+    class Size(Model):
+        width_px: int
+        height_px: int
+
+    with pytest.raises(InputError, match=r"grip.yaml stays as it was: .* not legal: width_px: .* not 'wide'"):
+        write_values(path, {("width_px",): "wide"}, partial(load_yaml, model=Size))
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["grip.yaml"]

@@ -17,7 +17,7 @@ from bracket_cell.skills.motion.settings import MotionSettings
 from bracket_ground.errors import InputError
 from bracket_ground.interfaces.grasping import PAD_WIDTH_M
 from bracket_ground.interfaces.grip import Grip
-from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded
+from bracket_ground.interfaces.meshes import Mesh, hull_of, loaded, spans_volume
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import PartType
 from bracket_ground.interfaces.solid import Solid, span_m
@@ -101,11 +101,13 @@ def read_part(path: Path) -> tuple[Mesh, float | None]:
 def convex_pieces(mesh: Mesh) -> tuple[Mesh, ...]:
     """Hulls that together are nearly a mesh: by CoACD (Wei et al. 2022) for each shell that is not convex.
 
+    Stray triangles and sheets, which span no volume, are left out.
+
     Raises:
         InputError: a shell is not convex, and CoACD is not installed.
     """
     found: list[Mesh] = []
-    for shell in mesh.pieces:
+    for shell in (shell for shell in mesh.pieces if spans_volume(shell.points_m)):
         hull = hull_of(shell.points_m)
         if abs(shell.volume_m3) > (1 - CONCAVITY / 5) * hull.volume_m3:
             found.append(hull)

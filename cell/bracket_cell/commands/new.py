@@ -123,6 +123,7 @@ new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node, a p
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
+PYTHON = ("False", "None", "True", "InputPort", "Node", "OutputPort", "Status")  # its words, and what LEAF imports
 TREE = """<root BTCPP_format="4" main_tree_to_execute="{name}">
   <BehaviorTree ID="{name}">
     <Sequence>
@@ -280,9 +281,10 @@ def _refuse_taken(name: str) -> None:
 
 def _file(name: str) -> str:
     """The file of a node or tree, without its ending; raises InputError where nothing can have such a name."""
-    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name):
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name) or name in PYTHON:
         raise InputError(
-            f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts"
+            f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts, but "
+            f"not {', '.join(PYTHON)}"
         )
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 

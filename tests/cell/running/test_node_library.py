@@ -132,6 +132,7 @@ def test_a_new_tree_and_a_new_leaf_come_with_tests_that_pass(
     assert main(["check", "trees/tidy_up.xml", "--strict"]) == 0
     assert main(["new", "leaf", "CountParts"]) == 2  # nothing is overwritten
     assert main(["new", "leaf", "../oops"]) == 2
+    assert [main(["new", "leaf", name]) for name in ("None", "Status")] == [2, 2], "no file could hold such a class"
     for command, taken in itertools.product(("leaf", "tree"), ("Sequence", "MoveTo", "SubTree")):
         assert main(["new", command, taken]) == 2
         assert f"there is a node '{taken}' already, at " in capsys.readouterr().err

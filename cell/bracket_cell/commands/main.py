@@ -149,6 +149,8 @@ def main(arguments: list[str] | None = None, begins: Callable[[], object] = tupl
             message = f"the package {error.name} is not installed: `cell doctor` says how to get it"
         if message is None and isinstance(error, OSError) and error.errno in FULL:
             message, sys.stdout = f"the output cannot be written: {words_of(error)}", io.StringIO()  # the rest is lost
+        if message is None and isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            message = f"{error.filename!s:.60}...: {words_of(error).lower()}: file systems take names of 255 bytes"
         if message is None:
             raise
         return _complain(message, BAD_INPUT)

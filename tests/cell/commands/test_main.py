@@ -78,6 +78,12 @@ def test_an_output_that_a_full_disk_does_not_take_is_told_in_a_line(
     assert capsys.readouterr().err == "cell: the output cannot be written: No space left on device\n"
 
 
+@pytest.mark.parametrize("words", [["log", "info"], ["goals", "--file"], ["show", "trees/ahead.xml", "--html"]])
+def test_a_name_that_no_file_system_takes_is_told(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, "x" * 300]) == 2
+    assert "file name too long: file systems take names of 255 bytes" in capsys.readouterr().err
+
+
 def test_a_word_that_is_no_choice_is_told_without_those_of_a_library(capsys: pytest.CaptureFixture[str]) -> None:
     assert "'--format': 'foo' is not one of 'text'" in complaint(capsys, "nodes", "--format", "foo")
 

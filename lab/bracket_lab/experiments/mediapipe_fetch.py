@@ -27,7 +27,7 @@ SHA256 = {  # the first digits of those that this was tried with
 }
 NOTICE = """The networks in this folder are those of MediaPipe, (c) The MediaPipe Authors, Apache License 2.0
 (LICENSE beside this file), taken from the wheel {wheel}. They were converted from
-TensorFlow Lite to ONNX; nothing else was changed.
+TensorFlow Lite to ONNX; PRELU and PAD are convolutions there. No weight was changed.
 """
 
 
@@ -88,7 +88,7 @@ def _convert(archive: zipfile.ZipFile, folder: Path, wheel: str) -> list[Path]:
                 config={
                     "source": wheel,
                     "licence": "Apache-2.0, The MediaPipe Authors",
-                    "changes": "converted to ONNX",
+                    "changes": "converted to ONNX, PRELU and PAD as convolutions",
                 },
                 vocabulary={},
                 data_sha256=hashlib.sha256(content).hexdigest(),

@@ -73,11 +73,11 @@ class PlantBits(Observer):
             heard = name in self._heard or kind in LESS
             if known.get(name) and self._was.get(name) is False and heard:
                 self._put(OperatorOrder(kind, "now" if kind == "pause" else ""))
-        whole = all(name in known for name in self._settings.recipe)
-        recipe = sum(1 << digit for digit, name in enumerate(self._settings.recipe) if known.get(name)) if whole else 0
-        if recipe != self._recipe and 0 < recipe <= len(self._goals):
-            self._put(OperatorOrder("goal", self._goals[recipe - 1]))
-        self._recipe = recipe
+        if all(name in known for name in self._settings.recipe):  # else nobody knows the number
+            recipe = sum(1 << digit for digit, name in enumerate(self._settings.recipe) if known[name])
+            if recipe != self._recipe and 0 < recipe <= len(self._goals):
+                self._put(OperatorOrder("goal", self._goals[recipe - 1]))
+            self._recipe = recipe
         self._was, self._heard = {**self._was, **known}, known.keys()
 
 

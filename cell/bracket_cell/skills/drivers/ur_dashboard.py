@@ -64,6 +64,8 @@ class Dashboard:
         """The next line, within the limits of time and length."""
         until_s = time.monotonic() + self._limit_s
         while b"\n" not in self._came:
+            if self._came and (len(self._came) > LONGEST or time.monotonic() > until_s):
+                raise DeviceFault("arm", f"the dashboard at {self._host} does not end a line; is it another server?")
             try:
                 self._socket.settimeout(max(LEAST_S, until_s - time.monotonic()))
                 part = self._socket.recv(LONGEST)
@@ -72,8 +74,6 @@ class Dashboard:
             if not part:
                 raise DeviceFault("arm", f"the dashboard at {self._host} hung up")
             self._came += part
-            if len(self._came) > LONGEST or time.monotonic() > until_s:
-                raise DeviceFault("arm", f"the dashboard at {self._host} does not end a line; is it another server?")
         line, _, self._came = self._came.partition(b"\n")
         return line.decode(errors="replace").strip()
 

@@ -22,6 +22,7 @@ from bracket_ground.errors import InputError
 from bracket_ground.files.files import write_new, write_whole
 from bracket_ground.files.model import Location
 from bracket_ground.files.yaml_file import load_yaml, write_values
+from bracket_ground.interfaces.meshes import LEAST_DEPTH, MOST_MESH_M, Mesh, hull_of
 from bracket_ground.interfaces.pose import Array
 from bracket_ground.interfaces.product import Product
 from btxml.files.parse.version3 import convert
@@ -52,24 +53,16 @@ def part(
     Writes NAME.part.stl and NAME.part.png beside the product file, and the type into it. Look at the picture: another
     --stance gives the type another shape, and keeps all else that stands there of it.
     """
-    from bracket_cell.skills.motion.mesh_part import MILLIMETRES, convex_pieces, read_part, stances
+    from bracket_cell.skills.motion.mesh_part import stances
     from bracket_cell.skills.motion.settings import MotionSettings
     from bracket_cell.viewing.part_picture import described, part_picture
-    from bracket_ground.interfaces.meshes import LEAST_DEPTH, MOST_MESH_M, Mesh
 
     name = file.stem
     stl_file, png_file = (product.parent / f"{name}.part.{kind}" for kind in ("stl", "png"))
     known = name in load_yaml(product, Product).parts
     if known and not stl_file.exists():
         raise InputError(f"{product} has a type {name} already, and not from a mesh; name the file otherwise")
-    read, unit_m = read_part(file)
-    scale = scale or unit_m or (MILLIMETRES if float(np.ptp(read.points_m, axis=0).max()) > LARGEST_M else 1.0)
-    mesh = Mesh(read.points_m * scale, read.triangles)
-    if (size_m := float(np.ptp(mesh.points_m, axis=0).max())) > MOST_MESH_M:
-        raise InputError(f"{file} is {size_m:.3g} m long with --scale {scale:g}; legal is at most {MOST_MESH_M:g} m")
-    pieces = convex_pieces(mesh)
-    if not pieces:
-        raise InputError(f"{file}: nothing of it is as thick as {LEAST_DEPTH:g} m with --scale {scale:g}")
+    mesh, pieces = _in_metres(file, scale)
     found = stances(mesh, pieces, MotionSettings())
     if not found:
         raise InputError(f"{file}: the part has no face on which it would stand")
@@ -81,13 +74,7 @@ def part(
     shape |= {"mass_kg": mass_kg} if mass_kg else {}
     entry = {"title": name, "quantity": 0, "colour_rgb": [0.75, 0.45, 0.05], "mass_kg": mass} | shape
     inner: dict[Location, object] = {("parts", name, key): value for key, value in shape.items()}
-    before = stl_file.read_bytes() if stl_file.exists() else None
-    write_whole(stl_file, stl(chosen.hulls_m))  # which the product file names
-    try:
-        write_values(product, inner if known else {("parts", name): entry}, partial(load_yaml, model=Product))
-    except InputError:
-        stl_file.unlink() if before is None else write_whole(stl_file, before)
-        raise
+    _keep(stl_file, stl(chosen.hulls_m), product, inner if known else {("parts", name): entry})
     write_whole(png_file, to_png(part_picture(name, found)))
     sys.stdout.writelines(
         f"{'*' if number == stance else ' '} {number}  {'; '.join(described(pose))}\n"
@@ -100,10 +87,36 @@ def part(
     )
 
 
+def _in_metres(file: Path, scale: float | None) -> tuple[Mesh, tuple[Mesh, ...]]:
+    """A part's mesh and its convex pieces; raises InputError where it has no size of a part."""
+    from bracket_cell.skills.motion.mesh_part import MILLIMETRES, convex_pieces, read_part
+
+    read, unit_m = read_part(file)
+    size = float(np.ptp(read.points_m, axis=0).max())
+    scale = scale or unit_m or (MILLIMETRES if size > LARGEST_M else 1.0)
+    if scale * size > MOST_MESH_M:
+        raise InputError(
+            f"{file} is {scale * size:.3g} m long with --scale {scale:g}; at most {MOST_MESH_M:g} m is legal"
+        )
+    mesh = Mesh(read.points_m * scale, read.triangles)
+    if not (pieces := convex_pieces(mesh)):
+        raise InputError(f"{file}: nothing of it is as thick as {LEAST_DEPTH:g} m with --scale {scale:g}")
+    return mesh, pieces
+
+
+def _keep(stl_file: Path, shape: bytes, product: Path, values: Mapping[Location, object]) -> None:
+    """Write a part's shape and what the product says of it, or neither; raises InputError."""
+    before = stl_file.read_bytes() if stl_file.exists() else None
+    write_whole(stl_file, shape)
+    try:
+        write_values(product, values, partial(load_yaml, model=Product))
+    except InputError:
+        stl_file.unlink() if before is None else write_whole(stl_file, before)
+        raise
+
+
 def stl(hulls_m: tuple[Array, ...]) -> bytes:
     """A binary STL file of hulls, each given by its points (n, 3)."""
-    from bracket_ground.interfaces.meshes import hull_of
-
     hulls = [hull_of(points + APART * (points.mean(axis=0) - points)) for points in hulls_m]
     rows = np.zeros(sum(len(hull.triangles) for hull in hulls), dtype=[("f", "<f4", (4, 3)), ("n", "<u2")])
     rows["f"] = np.concatenate([np.concatenate([h.normals[:, None], h.corners_m], axis=1) for h in hulls])
@@ -123,7 +136,7 @@ new_app = typer.Typer(no_args_is_help=True, help="Start a tree file, a node, a p
 
 NameArgument = Annotated[str, typer.Argument(help="Name in tree files, like CountParts.")]
 
-PYTHON = ("False", "None", "True", "InputPort", "Node", "OutputPort", "Status")  # its words, and what LEAF imports
+RESERVED = ("False", "None", "True", "InputPort", "Node", "OutputPort", "Status")  # of Python, and of LEAF
 TREE = """<root BTCPP_format="4" main_tree_to_execute="{name}">
   <BehaviorTree ID="{name}">
     <Sequence>
@@ -281,10 +294,10 @@ def _refuse_taken(name: str) -> None:
 
 def _file(name: str) -> str:
     """The file of a node or tree, without its ending; raises InputError where nothing can have such a name."""
-    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name) or name in PYTHON:
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]{0,60}", name) or name in RESERVED:
         raise InputError(
             f"'{name}' cannot name a node or tree; use letters and digits with a capital first, like CountParts, but "
-            f"not {', '.join(PYTHON)}"
+            f"not {', '.join(RESERVED)}"
         )
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 

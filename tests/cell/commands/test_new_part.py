@@ -174,7 +174,7 @@ def test_a_stray_triangle_is_no_piece(product: Path) -> None:
     [
         (1e30, (), "corners that are farther away than 1e\\+06"),
         (np.nan, (), "corners that are farther away than 1e\\+06, or nowhere"),
-        (1.0, ("--scale", "1"), "is 40 m long with --scale 1; legal is at most 2 m"),
+        (1.0, ("--scale", "1"), "is 40 m long with --scale 1; at most 2 m is legal"),
         (1.0, ("--scale", "1e-6"), "nothing of it is as thick as 0.0001 m with --scale 1e-06"),
     ],
 )
